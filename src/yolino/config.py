@@ -1,0 +1,243 @@
+"""The experiment file: one YAML document with a section per part; the keys of a section are the constructor's arguments."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+
+class Section(BaseModel):
+    """A part of the experiment file; a key that it does not know is a mistake."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+
+
+class Source(Section):
+    """One dataset to draw samples from.
+
+    Attributes:
+        dataset: Name in `DATASETS`.
+        weight: Share of the samples drawn from it in training, relative to the other sources.
+        options: Arguments of the dataset; a relative `root` lies below the `root` of the data section.
+    """
+
+    dataset: str
+    weight: float = Field(1.0, gt=0)
+    options: dict[str, Any] = Field(default_factory=dict)
+
+
+class Data(Section):
+    """What to train and validate on.
+
+    Attributes:
+        train: Sources of the training samples.
+        val: Sources of the validation samples.
+        root: Folder that holds the datasets.
+        size: Input of the network in pixels, (height, width), divisible by 32.
+        fit: How an image is fitted to the input.
+        classes: Names of the classes to predict; empty for a network without classes.
+        directed: Whether the direction of a line means something.
+        licence: Licence of the training data; written into every model file.
+        description: What the data is, for the model file.
+    """
+
+    train: tuple[Source, ...] = Field(min_length=1)
+    val: tuple[Source, ...] = Field(min_length=1)
+    root: Path = Path("data")
+    size: tuple[int, int] = (320, 640)
+    fit: Literal["bottom", "stretch", "letterbox"] = "bottom"
+    classes: tuple[str, ...] = ()
+    directed: bool = True
+    licence: str = "unknown"
+    description: str = "unknown"
+
+
+class Model(Section):
+    """Arguments of `yolino.model.network.Network`."""
+
+    backbone: str = "darknet19"
+    backbone_args: dict[str, Any] = Field(default_factory=dict)
+    pretrained: bool = False
+    upsample: Literal[0, 1, 2] = 1
+    neck_width: int = Field(448, ge=2)
+    predictors: int = Field(8, ge=1)
+    representation: str = "po"
+
+
+class Loss(Section):
+    """Weights of the four loss terms (paper, Eq. 4-7)."""
+
+    loc: float = Field(2.0, ge=0)
+    resp: float = Field(1.0, ge=0)
+    noresp: float = Field(1.0, ge=0)
+    classes: float = Field(1.0, ge=0)
+
+
+class Augmentation(Section):
+    """A named preset of `yolino.training.augment.PRESETS` and what to change in it."""
+
+    preset: str = "gentle"
+    options: dict[str, Any] = Field(default_factory=dict)
+
+
+class Training(Section):
+    """How to optimize.
+
+    Attributes:
+        steps: Optimizer steps in all.
+        batch_size: Images per step (and process).
+        lr: Peak learning rate, reached after the warm-up, then lowered by half a cosine.
+        weight_decay: Decay rate.
+        optimizer: `adamw`, or `adam` as in the paper.
+        warmup_steps: Steps of linear warm-up.
+        final_lr: Learning rate at the end, as a share of `lr`.
+        clip: Largest gradient norm.
+        precision: Lightning's precision: `32-true`, `bf16-mixed`, `16-mixed`.
+        ema_decay: Decay of the exponential moving average of the weights; 0 trains without.
+        validate_every: Steps between two validations and checkpoints.
+        patience: Validations without a better F1 after which training stops early; 0 never stops early.
+        workers: Processes that load data.
+        seed: Seed of everything random.
+        accelerator: Lightning's accelerator.
+        devices: Lightning's devices.
+        threads: Threads of the CPU for the network; 0 leaves torch's choice.
+    """
+
+    steps: int = Field(5000, ge=1)
+    batch_size: int = Field(8, ge=1)
+    lr: float = Field(2e-3, gt=0)
+    weight_decay: float = Field(1e-4, ge=0)
+    optimizer: Literal["adam", "adamw"] = "adamw"
+    warmup_steps: int = Field(100, ge=0)
+    final_lr: float = Field(0.01, ge=0, le=1)
+    clip: float = Field(10.0, gt=0)
+    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
+    ema_decay: float = Field(0.998, ge=0, lt=1)
+    validate_every: int = Field(250, ge=1)
+    patience: int = Field(0, ge=0)
+    workers: int = Field(0, ge=0)
+    seed: int = 0
+    accelerator: str = "auto"
+    devices: str | int = "auto"
+    threads: int = Field(0, ge=0)
+
+
+class Postprocess(Section):
+    """Threshold, NMS and linker that the trained model carries.
+
+    Attributes:
+        threshold: Smallest score of a segment.
+        nms: Arguments of `NMS`.
+        linker: Name in `LINKERS`, or `my_package.module:MyLinker`.
+        linker_options: Arguments of the linker.
+    """
+
+    threshold: float = Field(0.5, ge=0, le=1)
+    nms: dict[str, Any] = Field(default_factory=dict)
+    linker: str = "chain"
+    linker_options: dict[str, Any] = Field(default_factory=dict)
+
+
+class Experiment(Section):
+    """The whole experiment file.
+
+    Attributes:
+        name: Name of the model and of its folder of results.
+        out: Folder that holds the results of all experiments.
+    """
+
+    name: str = Field(min_length=1)
+    data: Data
+    model: Model = Model()
+    loss: Loss = Loss()
+    augment: Augmentation = Augmentation()
+    training: Training = Training()
+    postprocess: Postprocess = Postprocess()
+    out: Path = Path("runs")
+
+
+def load_experiment(path: str | Path, overrides: Sequence[str] = ()) -> Experiment:
+    """Reads an experiment file and applies `key=value` overrides such as `training.lr=1e-3` or `data.train.0.weight=2`.
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: Not YAML, a misspelt key (the nearest right one is named), or a value that is not allowed.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"The experiment file {path} does not exist; the repository has some under configs/."
+        )
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(values, dict):
+        raise ValueError(f"{path} holds no sections; an experiment file begins with `name:` and `data:`.")
+    for override in overrides:
+        _override(values, override)
+    try:
+        return Experiment.model_validate(values)
+    except ValidationError as error:
+        raise ValueError(f"{path}: {_explain(error)}") from error
+
+
+def _override(values: dict[str, Any], override: str) -> None:
+    """Sets one `a.b.c=value` (value read as YAML) in the nested dicts and lists."""
+    key, equals, text = override.partition("=")
+    if not equals or not key:
+        raise ValueError(f"Override {override!r} is not of the form key=value, e.g. training.lr=1e-3.")
+    *parents, last = key.split(".")
+    at: Any = values
+    for part in parents:
+        at = at[_place(at, part, override)] if isinstance(at, list) else at.setdefault(part, {})
+        if not isinstance(at, dict | list):
+            raise ValueError(f"Override {override!r}: {part} is a single value and has no keys below it.")
+    value = yaml.safe_load(text)
+    if isinstance(value, str):
+        value = _number(value)
+    at[_place(at, last, override) if isinstance(at, list) else last] = value
+
+
+def _number(text: str) -> str | float:
+    """Reads `1e-3`, which YAML 1.1 takes for a text."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _place(items: list[Any], part: str, override: str) -> int:
+    if not part.isdigit() or int(part) >= len(items):
+        raise ValueError(f"Override {override!r}: {part} must be a number from 0 to {len(items) - 1}.")
+    return int(part)
+
+
+def _keys_of(model: type[BaseModel], location: Sequence[str | int]) -> list[str]:
+    """Gives the allowed keys of the section that holds the unknown key at `location`."""
+    for part in location:
+        found = model.model_fields.get(part) if isinstance(part, str) else None
+        annotation = found.annotation if found else None
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        model = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), model)
+    return list(model.model_fields)
+
+
+def _explain(error: ValidationError) -> str:
+    """Puts the first mistake into one sentence."""
+    mistake: Mapping[str, Any] = error.errors()[0]
+    location = mistake["loc"]
+    key = ".".join(map(str, location))
+    if mistake["type"] == "extra_forbidden":
+        allowed = _keys_of(Experiment, location[:-1])
+        near = difflib.get_close_matches(str(location[-1]), allowed, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        return f"unknown key {key!r}; {hint}Allowed here: {', '.join(allowed)}."
+    if mistake["type"] == "missing":
+        return f"the key {key!r} is missing."
+    return f"{key} is {mistake['input']!r}: {mistake['msg']}."

@@ -1,0 +1,191 @@
+"""From datasets to batches: sources are mixed, augmented and cut into cells; every sample has its own random numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+from torch.utils.data import Dataset, Sampler
+
+from yolino.config import Augmentation, Source
+from yolino.datasets import DATASETS
+from yolino.grid import Grid
+from yolino.training.augment import PRESETS, Augment
+from yolino.training.targets import CellTargets, Targets, cell_targets, collate
+from yolino.types import Polylines, Sample
+
+
+class Samples(Protocol):
+    """What training needs of a dataset."""
+
+    classes: tuple[str, ...]
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int) -> Sample: ...
+
+
+class Example(NamedTuple):
+    """One image of a batch, in the network frame."""
+
+    image: UInt8[np.ndarray, "h w 3"]
+    targets: CellTargets
+    polylines: Polylines
+    ignore: tuple[np.ndarray, ...]
+
+
+class Batch(NamedTuple):
+    """What a training step takes: `images` are RGB pixels 0..255."""
+
+    images: UInt8[Tensor, "b 3 h w"]
+    targets: Targets
+    polylines: tuple[Polylines, ...]
+    ignore: tuple[tuple[np.ndarray, ...], ...]
+
+
+def build_dataset(source: Source, root: Path, classes: Sequence[str]) -> Samples:
+    """Gives the dataset of a source; its labels become those of `classes`.
+
+    Raises:
+        ValueError: The dataset is unknown or empty, its options are wrong, or it lacks the classes.
+        FileNotFoundError: Its files are not there.
+    """
+    if source.dataset not in DATASETS:
+        raise ValueError(f"dataset {source.dataset!r} is unknown; use one of {', '.join(DATASETS)}.")
+    options: dict[str, Any] = dict(source.options)
+    if "root" in options:
+        options["root"] = root / options["root"]
+    try:
+        dataset: Samples = DATASETS[source.dataset](**options)
+    except TypeError as error:
+        raise ValueError(f"The options of dataset {source.dataset!r} do not fit: {error}.") from error
+    if not len(dataset):
+        raise ValueError(f"dataset {source.dataset!r} with {source.options} has no samples.")
+    missing = [name for name in classes if name not in dataset.classes]
+    if missing:
+        raise ValueError(
+            f"dataset {source.dataset!r} has no classes {', '.join(missing)}; it has {', '.join(dataset.classes)}."
+        )
+    return dataset
+
+
+def build_augment(augmentation: Augmentation, size: tuple[int, int], fit: str) -> Augment:
+    """Gives the augmentation of a preset, with `options` replacing single values of its two groups.
+
+    Raises:
+        ValueError: The preset is unknown or an option does not exist.
+    """
+    if augmentation.preset not in PRESETS:
+        raise ValueError(
+            f"augmentation preset {augmentation.preset!r} is unknown; use one of {', '.join(PRESETS)}."
+        )
+    groups = {name: dict(values) for name, values in PRESETS[augmentation.preset].items()}
+    for name, changes in augmentation.options.items():
+        groups[name] = {**groups.get(name, {}), **changes} if isinstance(changes, dict) else changes
+    try:
+        return Augment(size, fit=fit, **groups)
+    except TypeError as error:
+        raise ValueError(
+            f"augment.options do not fit the preset {augmentation.preset!r}: {error}."
+        ) from error
+
+
+class Examples(Dataset[Example]):
+    """Augmented examples drawn from several datasets. Example i depends on `seed` and i alone, not on any worker.
+
+    Args:
+        datasets: Where samples come from.
+        weights: Share of each dataset, or None to go through the samples of all once, in order.
+        augment: Image and labels -> the network frame.
+        grid: The cells.
+        border: Whether segments must end on the borders of the cells.
+        classes: Names of the classes to learn; without, all labels are 0.
+        seed: Seed of the drawing and of the augmentation.
+    """
+
+    def __init__(
+        self,
+        datasets: Sequence[Samples],
+        weights: Sequence[float] | None,
+        augment: Augment,
+        grid: Grid,
+        *,
+        border: bool,
+        classes: Sequence[str] = (),
+        seed: int = 0,
+    ) -> None:
+        self.datasets, self.augment, self.grid = datasets, augment, grid
+        self.border, self.seed = border, seed
+        self.shares = None if weights is None else np.asarray(weights) / np.sum(weights)
+        self.label_maps = [_label_map(d.classes, classes) for d in datasets]
+
+    def __len__(self) -> int:
+        return sum(len(d) for d in self.datasets)
+
+    def __getitem__(self, index: int) -> Example:
+        rng = np.random.default_rng([self.seed, index])
+        which, item = self._pick(index, rng)
+        sample = self.datasets[which][item]
+        image, polylines, ignore = self.augment(sample, rng)
+        labels = self.label_maps[which][polylines.labels]
+        polylines = Polylines(polylines.vertices, polylines.offsets, polylines.scores, labels)[labels >= 0]
+        targets = cell_targets(polylines, self.grid, border=self.border, ignore=ignore)
+        return Example(image, targets, polylines, ignore)
+
+    def _pick(self, index: int, rng: np.random.Generator) -> tuple[int, int]:
+        if self.shares is None:
+            for which, dataset in enumerate(self.datasets):
+                if index < len(dataset):
+                    return which, index
+                index -= len(dataset)
+            raise IndexError(index)
+        which = int(rng.choice(len(self.shares), p=self.shares))
+        return which, int(rng.integers(len(self.datasets[which])))
+
+
+def _label_map(have: Sequence[str], want: Sequence[str]) -> np.ndarray:
+    """Gives the new label of each old one; -1 for lines whose class is not to be learned."""
+    if not want:
+        return np.zeros(max(len(have), 1), np.int64)
+    return np.array([list(want).index(name) if name in want else -1 for name in have], np.int64)
+
+
+class EpochSampler(Sampler[int]):
+    """Numbers the examples of all epochs and processes through, so that no epoch repeats and a resumed run goes on.
+
+    Args:
+        count: Examples per epoch and process.
+        rank: Number of this process.
+        world_size: Number of processes.
+    """
+
+    def __init__(self, count: int, *, rank: int = 0, world_size: int = 1) -> None:
+        self.count, self.rank, self.world_size, self.epoch = count, rank, world_size, 0
+
+    def set_epoch(self, epoch: int) -> None:
+        """Chooses the epoch; Lightning calls it before each."""
+        self.epoch = epoch
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[int]:
+        for i in range(self.epoch * self.count, (self.epoch + 1) * self.count):
+            yield i * self.world_size + self.rank
+
+
+def collate_examples(examples: Sequence[Example]) -> Batch:
+    """Joins examples to a batch."""
+    # Stacked as (b, h, w, 3): the permuted view is in the channels_last order that convolutions like.
+    images = torch.from_numpy(np.stack([e.image for e in examples])).permute(0, 3, 1, 2)
+    return Batch(
+        images,
+        collate([e.targets for e in examples]),
+        tuple(e.polylines for e in examples),
+        tuple(e.ignore for e in examples),
+    )

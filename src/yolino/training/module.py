@@ -1,0 +1,125 @@
+"""The Lightning module: network, criterion, optimizer and schedule, and what validation measures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from lightning.pytorch import LightningModule
+from torch import Tensor
+
+from yolino.config import Experiment
+from yolino.metrics import PointMetric
+from yolino.model.network import Network
+from yolino.postprocess.nms import NMS
+from yolino.training.data import Batch
+from yolino.training.losses import Criterion, Losses
+from yolino.types import Segments
+
+# Validation tries these scores and reports the best; the winner goes into the model file.
+THRESHOLDS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+
+
+def network_arguments(experiment: Experiment) -> dict[str, Any]:
+    """Gives the arguments of `Network` that an experiment file describes."""
+    return experiment.model.model_dump() | {"num_classes": len(experiment.data.classes)}
+
+
+def learning_rate_factor(step: int, *, steps: int, warmup_steps: int, final: float) -> float:
+    """Gives the share of the peak learning rate at a step: linear warm-up, then half a cosine down to `final`."""
+    if step < warmup_steps:
+        return (step + 1) / (warmup_steps + 1)
+    way = min((step - warmup_steps) / max(steps - warmup_steps, 1), 1.0)
+    return final + (1 - final) * 0.5 * (1 + math.cos(math.pi * way))
+
+
+class TrainingModule(LightningModule):
+    """Trains and validates one network.
+
+    Args:
+        experiment: The whole experiment file.
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
+        super().__init__()
+        self.experiment = experiment
+        network = Network(**network_arguments(experiment))
+        self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.criterion = Criterion(
+            self.network.representation, directed=experiment.data.directed, **experiment.loss.model_dump()
+        )
+        self.nms = NMS(
+            float(self.network.stride), **{"directed": experiment.data.directed, **experiment.postprocess.nms}
+        )
+        self.scores: dict[str, float] = {}
+
+    def transfer_batch_to_device(self, batch: Batch, device: torch.device, dataloader_idx: int) -> Batch:
+        """Moves the tensors; the polylines stay with the CPU's metrics."""
+        targets = type(batch.targets)(*(t.to(device, non_blocking=True) for t in batch.targets))
+        return batch._replace(images=batch.images.to(device, non_blocking=True), targets=targets)
+
+    def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
+        """Gives the loss of a batch."""
+        prediction = self.network(batch.images.float())
+        losses, matches = self.criterion(prediction, batch.targets)
+        self._log_losses("train", losses, len(batch.images))
+        self.log("train/surplus", float(matches.surplus), batch_size=len(batch.images))
+        return losses.total
+
+    def on_validation_epoch_start(self) -> None:
+        """Begins new counts."""
+        directed = self.experiment.data.directed
+        self.metrics = {t: PointMetric(directed=directed) for t in THRESHOLDS}
+
+    def validation_step(self, batch: Batch, batch_idx: int) -> None:
+        """Counts the points that the NMS's segments hit, at each threshold."""
+        prediction = self.network(batch.images.float())
+        losses, _ = self.criterion(prediction, batch.targets)
+        self._log_losses("val", losses, len(batch.images))
+        for i, segments in enumerate(self.segments(prediction, batch.images.shape[-2:])):
+            for threshold, metric in self.metrics.items():
+                found = self.nms(segments[segments.scores >= threshold])
+                metric.update(found, batch.polylines[i], self.experiment.data.size, batch.ignore[i])
+
+    def segments(self, prediction: Any, size: Sequence[int]) -> list[Segments]:
+        """Gives the segments of each image above the lowest threshold, in pixels of the network's input."""
+        outputs = self.network.decode(prediction, tuple(size))
+        endpoints, scores, classes = (o.float().cpu().numpy().astype(np.float64) for o in outputs)
+        found = []
+        for i in range(len(scores)):
+            kept = scores[i] >= THRESHOLDS[0]
+            probabilities = classes[i][kept] if classes.shape[-1] else None
+            found.append(Segments(endpoints[i][kept], scores[i][kept], probabilities=probabilities))
+        return found
+
+    def validation_scores(self) -> Mapping[str, float]:
+        """Gives precision, recall and F1 at the threshold with the best F1."""
+        results = {threshold: metric.compute() for threshold, metric in self.metrics.items()}
+        best = max(results, key=lambda t: results[t]["f1"])
+        return {"threshold": best} | {k: float(results[best][k]) for k in ("f1", "precision", "recall")}
+
+    def configure_optimizers(self) -> Any:
+        """Gives Adam or AdamW with warm-up and cosine schedule."""
+        training = self.experiment.training
+        optimizer_class = torch.optim.AdamW if training.optimizer == "adamw" else torch.optim.Adam
+        decayed = [p for p in self.network.parameters() if p.ndim > 1]
+        others = [p for p in self.network.parameters() if p.ndim <= 1]
+        groups = [
+            {"params": decayed, "weight_decay": training.weight_decay},
+            {"params": others, "weight_decay": 0.0},
+        ]
+        optimizer = optimizer_class(groups, lr=training.lr)
+        schedule = torch.optim.lr_scheduler.LambdaLR(
+            optimizer,
+            lambda step: learning_rate_factor(
+                step, steps=training.steps, warmup_steps=training.warmup_steps, final=training.final_lr
+            ),
+        )
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def _log_losses(self, phase: str, losses: Losses, batch_size: int) -> None:
+        values = {f"{phase}/{name}": value.detach() for name, value in losses._asdict().items()}
+        self.log_dict(values, batch_size=batch_size, on_step=False, on_epoch=True, sync_dist=phase == "val")
