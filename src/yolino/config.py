@@ -1,4 +1,4 @@
-"""The experiment file: one YAML document with a section per part; the keys of a section are the constructor's arguments."""
+"""The experiment file: YAML with a section per part; its keys are the constructors' arguments."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class Experiment(Section):
 
 
 def load_experiment(path: str | Path, overrides: Sequence[str] = ()) -> Experiment:
-    """Reads an experiment file and applies `key=value` overrides such as `training.lr=1e-3` or `data.train.0.weight=2`.
+    """Reads an experiment file and applies overrides: `training.lr=1e-3`, `data.train.0.weight=2`.
 
     Raises:
         FileNotFoundError: No such file.

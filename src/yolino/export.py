@@ -1,4 +1,4 @@
-"""Export: a checkpoint becomes an ONNX file with decoding and normalization inside and the header as metadata."""
+"""Export: a checkpoint becomes an ONNX file with decoding, normalization and header inside."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def export(checkpoint: str | Path, *, format: str = "onnx", out: str | Path | No
 
 
 def onnx_bytes(network: Network, header: Header) -> bytes:
-    """Gives the network as a serialized ONNX model with a dynamic batch and the header as metadata `yolino`."""
+    """Gives the network as ONNX with a dynamic batch and the header as metadata `yolino`."""
     names = ["endpoints", "scores", "probabilities"][: 3 if network.num_classes else 2]
     example = torch.zeros(2, *header.size, 3, dtype=torch.uint8)
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():

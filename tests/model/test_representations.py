@@ -98,7 +98,14 @@ def test_equation_3_is_the_mean_squared_error():
 
 @pytest.mark.parametrize(
     ("way", "point"),
-    [(0.0, (0, 0)), (0.125, (0.5, 0)), (0.25, (1, 0)), (0.375, (1, 0.5)), (0.625, (0.5, 1)), (0.875, (0, 0.5))],
+    [
+        (0.0, (0, 0)),
+        (0.125, (0.5, 0)),
+        (0.25, (1, 0)),
+        (0.375, (1, 0.5)),
+        (0.625, (0.5, 1)),
+        (0.875, (0, 0.5)),
+    ],
 )
 def test_border_positions_run_clockwise_from_the_top_left_corner(way, point):
     decoded = BorderPositions().decode(torch.tensor([way, way]))

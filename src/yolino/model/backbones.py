@@ -1,7 +1,8 @@
 """Backbones: image -> feature maps at strides 8, 16 and 32.
 
-All have the face of timm's `features_only` models: `forward` gives a list of maps, `feature_info.channels()` and
-`feature_info.reduction()` describe them. So any timm model needs no adapter: `backbone: timm:resnet18`.
+All have the face of timm's `features_only` models: `forward` gives a list of maps, and
+`feature_info.channels()` and `feature_info.reduction()` describe them. So any timm model needs no adapter:
+`backbone: timm:resnet18`.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class FeatureInfo:
 def conv(
     in_channels: int, out_channels: int, *, kernel: int = 3, stride: int = 1, act: nn.Module | None = None
 ) -> nn.Sequential:
-    """Gives convolution, batch normalization and activation (leaky ReLU of 0.1, as in Darknet, unless given)."""
+    """Gives convolution, batch normalization and activation: Darknet's leaky ReLU of 0.1 unless given."""
     layers = [
         nn.Conv2d(in_channels, out_channels, kernel, stride, kernel // 2, bias=False),
         nn.BatchNorm2d(out_channels),
@@ -86,10 +87,10 @@ class Darknet19(nn.Module):
 
 
 def load_darknet_weights(model: nn.Module, path: str | Path) -> None:
-    """Fills every convolution + batch normalization of `model`, in order, from a binary file of the Darknet program.
+    """Fills the convolutions and batch normalizations of `model`, in order, from a binary file of Darknet.
 
-    The file has a header (major, minor, revision, images seen) and then float32 per layer: normalization bias, weight,
-    mean, variance, convolution weights.
+    The file has a header (major, minor, revision, images seen) and then float32 per layer: bias, weight, mean
+    and variance of the normalization, weights of the convolution.
 
     Raises:
         FileNotFoundError: No such file.
@@ -108,7 +109,8 @@ def load_darknet_weights(model: nn.Module, path: str | Path) -> None:
     layers = [m for m in model.modules() if isinstance(m, nn.Conv2d | nn.BatchNorm2d)]
     for convolution, norm in zip(layers[::2], layers[1::2], strict=True):
         assert isinstance(norm, nn.BatchNorm2d)
-        assert norm.running_mean is not None and norm.running_var is not None
+        assert norm.running_mean is not None
+        assert norm.running_var is not None
         targets += [norm.bias, norm.weight, norm.running_mean, norm.running_var, convolution.weight]
     need = sum(t.numel() for t in targets)
     if len(numbers) != need:
@@ -143,7 +145,7 @@ class ResidualBlock(nn.Module):
 
 
 class ResidualNet(nn.Module):
-    """A small residual network of dense 3x3 convolutions: on a CPU faster to train and run than depthwise ones.
+    """A small residual network of dense 3x3 convolutions: on a CPU faster to train than depthwise ones.
 
     Args:
         widths: Channels at strides 4, 8, 16 and 32.
@@ -188,7 +190,7 @@ BACKBONES: dict[str, Callable[..., nn.Module]] = {"darknet19": Darknet19, "resid
 
 
 def build_backbone(name: str, *, pretrained: bool = False, **arguments: object) -> nn.Module:
-    """Gives the backbone `name` of `BACKBONES`, or any timm model with maps at strides 8, 16, 32 as `timm:<name>`.
+    """Gives the backbone `name` of `BACKBONES`, or any timm model with strides 8, 16, 32 as `timm:<name>`.
 
     Raises:
         ValueError: The name is unknown, or the timm model has other strides.

@@ -1,4 +1,4 @@
-"""The neck: upsampling blocks with skip connections, for cells of 32, 16 or 8 px (paper, Sec. 3 and appendix)."""
+"""The neck: upsampling blocks with skip connections, for cells of 32, 16 or 8 px (paper, Sec. 3)."""
 
 from __future__ import annotations
 

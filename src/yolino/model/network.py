@@ -1,4 +1,4 @@
-"""The network: RGB pixels -> P directed segments with confidence and classes per cell (paper, Sec. 3 and Fig. 5)."""
+"""The network: RGB pixels -> P directed segments with confidence and classes per cell (paper, Sec. 3)."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Network(nn.Module):
         return self.representation.num_params + 1 + self.num_classes
 
     def _init_head(self) -> None:
-        """Begins with diverse segments (else the predictors of a cell compete as twins) and low confidence."""
+        """Begins with little confidence and diverse segments, else the predictors of a cell are twins."""
         nn.init.normal_(self.head.weight, std=0.01)
         g = self.representation.num_params
         bias = torch.zeros(self.predictors, self.outputs_per_predictor)

@@ -1,4 +1,4 @@
-"""Line representations: how a predictor's parameters g describe a directed segment in its cell (paper, Sec. 3).
+"""Line representations: how the parameters g describe a directed segment in its cell (paper, Sec. 3).
 
 Every representation works on tensors in cell units (the cell is the unit square) and is one class with
 
@@ -75,7 +75,7 @@ class CartesianPoints(Representation):
 
 
 class BorderPositions(Representation):
-    """1D: positions `(g_s, g_e)` of start and end on the border, from the top-left corner clockwise, in [0, 1)."""
+    """1D: positions `(g_s, g_e)` of both ends on the border, clockwise from top left, in [0, 1)."""
 
     num_params = 2
     to_border = True
@@ -108,7 +108,7 @@ class BorderPositions(Representation):
 
 
 class EulerAngles(Representation):
-    """Eu: `(cos a, sin a, cos b, sin b)` of the angles between the image's y-axis and the rays to both border points."""
+    """Eu: `(cos a, sin a, cos b, sin b)`, the angles between the image's y-axis and the rays to both ends."""
 
     num_params = 4
     to_border = True
@@ -119,7 +119,7 @@ class EulerAngles(Representation):
         return (pairs / pairs.square().sum(-1, keepdim=True).add(1e-6).sqrt()).flatten(-2)
 
     def encode(self, endpoints: Float[Tensor, "*shape 2 2"]) -> Float[Tensor, "*shape 4"]:
-        """Gives cosine and sine of the angle from the downward y-axis towards x, seen from the cell center."""
+        """Gives cosine and sine of the angle from the downward y-axis towards x, at the cell center."""
         ray = endpoints - 0.5
         ray = ray / torch.linalg.vector_norm(ray, dim=-1, keepdim=True).clamp_min(1e-6)
         return ray.flip(-1).flatten(-2)  # (x, y) = (sin, cos)

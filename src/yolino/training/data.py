@@ -1,10 +1,10 @@
-"""From datasets to batches: sources are mixed, augmented and cut into cells; every sample has its own random numbers."""
+"""From datasets to batches: sources are mixed, augmented and cut into cells."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -14,20 +14,11 @@ from torch.utils.data import Dataset, Sampler
 
 from yolino.config import Augmentation, Source
 from yolino.datasets import DATASETS
+from yolino.datasets import Dataset as Annotated
 from yolino.grid import Grid
 from yolino.training.augment import PRESETS, Augment
 from yolino.training.targets import CellTargets, Targets, cell_targets, collate
-from yolino.types import Polylines, Sample
-
-
-class Samples(Protocol):
-    """What training needs of a dataset."""
-
-    classes: tuple[str, ...]
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, index: int) -> Sample: ...
+from yolino.types import Polylines
 
 
 class Example(NamedTuple):
@@ -48,7 +39,7 @@ class Batch(NamedTuple):
     ignore: tuple[tuple[np.ndarray, ...], ...]
 
 
-def build_dataset(source: Source, root: Path, classes: Sequence[str]) -> Samples:
+def build_dataset(source: Source, root: Path, classes: Sequence[str]) -> Annotated:
     """Gives the dataset of a source; its labels become those of `classes`.
 
     Raises:
@@ -61,7 +52,7 @@ def build_dataset(source: Source, root: Path, classes: Sequence[str]) -> Samples
     if "root" in options:
         options["root"] = root / options["root"]
     try:
-        dataset: Samples = DATASETS[source.dataset](**options)
+        dataset: Annotated = DATASETS[source.dataset](**options)
     except TypeError as error:
         raise ValueError(f"The options of dataset {source.dataset!r} do not fit: {error}.") from error
     if not len(dataset):
@@ -69,7 +60,8 @@ def build_dataset(source: Source, root: Path, classes: Sequence[str]) -> Samples
     missing = [name for name in classes if name not in dataset.classes]
     if missing:
         raise ValueError(
-            f"dataset {source.dataset!r} has no classes {', '.join(missing)}; it has {', '.join(dataset.classes)}."
+            f"dataset {source.dataset!r} has no classes {', '.join(missing)}; "
+            f"it has {', '.join(dataset.classes)}."
         )
     return dataset
 
@@ -96,7 +88,9 @@ def build_augment(augmentation: Augmentation, size: tuple[int, int], fit: str) -
 
 
 class Examples(Dataset[Example]):
-    """Augmented examples drawn from several datasets. Example i depends on `seed` and i alone, not on any worker.
+    """Augmented examples drawn from several datasets.
+
+    Example i depends on `seed` and i alone, not on any worker.
 
     Args:
         datasets: Where samples come from.
@@ -110,7 +104,7 @@ class Examples(Dataset[Example]):
 
     def __init__(
         self,
-        datasets: Sequence[Samples],
+        datasets: Sequence[Annotated],
         weights: Sequence[float] | None,
         augment: Augment,
         grid: Grid,
@@ -155,27 +149,30 @@ def _label_map(have: Sequence[str], want: Sequence[str]) -> np.ndarray:
     return np.array([list(want).index(name) if name in want else -1 for name in have], np.int64)
 
 
-class EpochSampler(Sampler[int]):
-    """Numbers the examples of all epochs and processes through, so that no epoch repeats and a resumed run goes on.
+class EndlessSampler(Sampler[int]):
+    """Numbers the examples of all epochs and processes through.
+
+    So no epoch repeats, and a resumed run goes on with the examples that were next. (Lightning's own count of
+    epochs is one too high after a resumption, hence `consumed`.)
 
     Args:
         count: Examples per epoch and process.
+        consumed: Tells how many examples each process has consumed when an epoch begins.
         rank: Number of this process.
         world_size: Number of processes.
     """
 
-    def __init__(self, count: int, *, rank: int = 0, world_size: int = 1) -> None:
-        self.count, self.rank, self.world_size, self.epoch = count, rank, world_size, 0
-
-    def set_epoch(self, epoch: int) -> None:
-        """Chooses the epoch; Lightning calls it before each."""
-        self.epoch = epoch
+    def __init__(
+        self, count: int, consumed: Callable[[], int], *, rank: int = 0, world_size: int = 1
+    ) -> None:
+        self.count, self.consumed, self.rank, self.world_size = count, consumed, rank, world_size
 
     def __len__(self) -> int:
         return self.count
 
     def __iter__(self) -> Iterator[int]:
-        for i in range(self.epoch * self.count, (self.epoch + 1) * self.count):
+        first = self.consumed()
+        for i in range(first, first + self.count):
             yield i * self.world_size + self.rank
 
 

@@ -67,8 +67,8 @@ def _over_all_ranks(count: Tensor) -> Tensor:
 class Criterion(nn.Module):
     """Matches predictions with labels and weighs the four terms.
 
-    The sums are those of the paper; `loc`, `resp` and `classes` are divided by the number of responsible predictors,
-    `noresp` by the number of free ones (the paper gives no normalization), counted over all processes.
+    The sums are those of the paper, which gives no normalization: `loc`, `resp` and `classes` are divided by
+    the number of responsible predictors, `noresp` by that of the free ones, counted over all processes.
 
     Args:
         representation: Encodes the labels and measures distances.

@@ -1,4 +1,4 @@
-"""Responsibility: which predictor of a cell answers for which ground-truth segment (paper, Sec. 3, training objective)."""
+"""Responsibility: which predictor answers for which ground-truth segment (paper, Sec. 3)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Matches(NamedTuple):
         targets: Index of the ground-truth segment (the paper's j).
         cells: Cell of the pair, counted over the batch (the paper's i).
         predictors: Responsible predictor in that cell (the paper's k).
-        encoded: g of the ground-truth segment; reversed where an undirected line is predicted the other way round.
+        encoded: g of the ground-truth segment; reversed where an undirected line is predicted that way.
         surplus: Number of ground-truth segments left over in cells with more segments than predictors.
     """
 

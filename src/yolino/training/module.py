@@ -20,7 +20,7 @@ from yolino.training.losses import Criterion, Losses
 from yolino.types import Segments
 
 # Validation tries these scores and reports the best; the winner goes into the model file.
-THRESHOLDS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 
 
 def network_arguments(experiment: Experiment) -> dict[str, Any]:
@@ -29,7 +29,7 @@ def network_arguments(experiment: Experiment) -> dict[str, Any]:
 
 
 def learning_rate_factor(step: int, *, steps: int, warmup_steps: int, final: float) -> float:
-    """Gives the share of the peak learning rate at a step: linear warm-up, then half a cosine down to `final`."""
+    """Gives the share of the peak learning rate at a step: linear warm-up, then half a cosine to `final`."""
     if step < warmup_steps:
         return (step + 1) / (warmup_steps + 1)
     way = min((step - warmup_steps) / max(steps - warmup_steps, 1), 1.0)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def prediction_pictures(
     module: TrainingModule, examples: Sequence[Example], threshold: float
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Gives one picture: a row per example, its labels on the left, its segments after the NMS on the right."""
+    """Gives one picture: a row per example, labels on the left, segments after the NMS on the right."""
     batch = collate_examples(examples)
     images = batch.images.to(module.device).float()
     rows = []

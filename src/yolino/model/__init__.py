@@ -1,0 +1,1 @@
+"""The network and everything up to the seam: torch lives here."""

@@ -1,0 +1,1 @@
+"""Training: targets, augmentation, matching, losses, and runs with Lightning."""

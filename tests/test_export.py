@@ -1,0 +1,70 @@
+"""The exported file equals torch and carries its header."""
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from yolino.export import export
+from yolino.header import Header
+from yolino.inference.engines import OnnxEngine
+from yolino.model.checkpoint import save_checkpoint
+from yolino.model.engine import TorchEngine
+from yolino.model.network import Network
+from yolino.model.representations import REPRESENTATIONS
+
+TINY = {
+    "backbone": "residual",
+    "backbone_args": {"widths": [8, 8, 8, 8], "blocks": [1, 1, 1, 1], "stem": 4},
+    "neck_width": 8,
+    "predictors": 2,
+}
+
+
+def checkpoint(folder, representation="po", classes=(), **changes):
+    torch.manual_seed(0)
+    arguments = {**TINY, "representation": representation, "num_classes": len(classes), **changes}
+    network = Network(**arguments).eval()
+    with torch.no_grad():  # outputs that depend on the image
+        network.head.weight.normal_(std=30)
+    header = Header("0", "tiny", (64, 96), network.stride, 2, representation, classes=classes)
+    path = folder / "tiny.safetensors"
+    save_checkpoint(path, network.state_dict(), header, arguments)
+    return path
+
+
+@pytest.mark.parametrize("representation", list(REPRESENTATIONS))
+@pytest.mark.parametrize("classes", [(), ("a", "b")])
+def test_onnx_equals_torch_for_any_batch(tmp_path, representation, classes):
+    path = checkpoint(tmp_path, representation, classes)
+    engine, twin = OnnxEngine(export(path), device="cpu"), TorchEngine(path)
+    assert engine.header == twin.header
+    rng = np.random.default_rng(1)
+    for batch in (1, 3):
+        images = rng.integers(0, 256, (batch, 64, 96, 3), dtype=np.uint8)
+        ours, theirs = engine(images), twin(images)
+        np.testing.assert_allclose(ours.endpoints, theirs.endpoints, atol=1e-3)
+        np.testing.assert_allclose(ours.scores, theirs.scores, atol=1e-5)
+        assert (ours.probabilities is None) == (not classes)
+        if classes:
+            np.testing.assert_allclose(ours.probabilities, theirs.probabilities, atol=1e-5)
+    assert np.ptp(theirs.scores[0]) > 1e-3  # not a comparison of constants
+
+
+@pytest.mark.parametrize("upsample", [0, 1, 2])
+def test_every_cell_size_exports(tmp_path, upsample):
+    assert OnnxEngine(export(checkpoint(tmp_path, upsample=upsample))).header.stride == 32 >> upsample
+
+
+def test_the_file_is_valid_and_named(tmp_path):
+    out = export(checkpoint(tmp_path), out=tmp_path / "sub.onnx")
+    assert out == tmp_path / "sub.onnx"
+    onnx.checker.check_model(onnx.load(out))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["sub.onnx", "tiny.safetensors"]
+
+
+def test_wrong_input_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="use one of onnx"):
+        export(checkpoint(tmp_path), format="caffe")
+    with pytest.raises(FileNotFoundError, match="does not exist"):
+        export(tmp_path / "nothing.safetensors")

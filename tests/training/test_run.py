@@ -1,0 +1,233 @@
+"""Training learns, is deterministic, and goes on after a kill as if nothing had happened."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from yolino.config import load_experiment
+from yolino.grid import Grid
+from yolino.model.checkpoint import load_checkpoint
+from yolino.model.network import Network
+from yolino.model.representations import REPRESENTATIONS
+from yolino.training.augment import Augment
+from yolino.training.data import EndlessSampler, Examples, build_augment, build_dataset, collate_examples
+from yolino.training.losses import Criterion
+from yolino.training.module import learning_rate_factor
+from yolino.training.run import build_loaders, train
+from yolino.types import Polylines, Sample
+
+TEXT = """
+# A very small experiment on synthetic shapes.
+name: tiny
+data:
+  size: [64, 96]
+  train: [{dataset: synthetic, options: {kind: shapes, length: 50, size: [64, 96]}}]
+  val: [{dataset: synthetic, options: {kind: shapes, length: 3, seed: 9, size: [64, 96]}}]
+model:
+  backbone: residual
+  backbone_args: {widths: [8, 8, 16, 16], blocks: [1, 1, 1, 1], stem: 4}
+  neck_width: 16
+  predictors: 4
+augment: {preset: none}
+training:
+  {steps: 4, batch_size: 2, validate_every: 2, warmup_steps: 1, ema_decay: 0.5, accelerator: cpu, devices: 1}
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "tiny.yaml"
+    path.write_text(TEXT)
+    return path
+
+
+def run(config: Path, out: Path, *changes: str) -> dict[str, torch.Tensor]:
+    best = train(config, [f"out={out}", *changes], progress=False)
+    load_checkpoint(best)
+    last = torch.load(out / "tiny" / "last.ckpt", weights_only=True)
+    return last["state_dict"]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::UserWarning")
+class TestRuns:
+    def test_a_resumed_run_equals_an_uninterrupted_one(self, config, tmp_path):
+        whole = run(config, tmp_path / "whole")
+        run(config, tmp_path / "parts", "training.steps=2")
+        # The schedule of the first part ended early; only the data and the optimizer are compared below.
+        parts = run(config, tmp_path / "parts")
+        with (tmp_path / "parts" / "tiny" / "experiment.yaml").open() as file:
+            assert "steps: 4" in file.read()
+        assert set(whole) == set(parts)
+        again = run(config, tmp_path / "again")
+        for name, tensor in whole.items():
+            assert torch.equal(tensor, again[name]), f"{name} differs between two runs with one seed"
+
+    def test_a_kill_between_two_checkpoints_costs_nothing_but_time(self, config, tmp_path, monkeypatch):
+        whole = run(config, tmp_path / "whole")
+
+        from yolino.training.module import TrainingModule
+
+        step, count = TrainingModule.training_step, [0]
+
+        def killed(self, batch, batch_idx):
+            count[0] += 1
+            if count[0] == 4:
+                raise KeyboardInterrupt
+            return step(self, batch, batch_idx)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(TrainingModule, "training_step", killed)
+            with pytest.raises((KeyboardInterrupt, SystemExit)):
+                train(config, [f"out={tmp_path / 'killed'}"], progress=False)
+        assert not list((tmp_path / "killed").rglob("*.part"))
+        resumed = run(config, tmp_path / "killed")
+        for name, tensor in whole.items():
+            torch.testing.assert_close(tensor, resumed[name], msg=f"{name} differs after the kill")
+
+    def test_another_experiment_of_the_same_name_is_refused(self, config, tmp_path):
+        run(config, tmp_path)
+        with pytest.raises(ValueError, match=r"other settings \(training\.lr\)"):
+            train(config, [f"out={tmp_path}", "training.lr=0.5"], progress=False)
+
+    def test_the_best_checkpoint_says_where_it_comes_from(self, config, tmp_path):
+        run(config, tmp_path, "data.licence=CC0", "data.description=shapes")
+        _, header = load_checkpoint(tmp_path / "tiny" / "best.safetensors")
+        assert (header.licence, header.data, header.name) == ("CC0", "shapes", "tiny")
+        assert {"f1", "precision", "recall", "threshold", "step"} <= set(header.metrics)
+        assert header.postprocess["threshold"] == header.metrics["threshold"]
+        assert set(load_file(tmp_path / "tiny" / "best.safetensors"))
+        rows = list(csv.DictReader((tmp_path / "tiny" / "csv" / "metrics.csv").open()))
+        assert any(row["val/f1"] for row in rows)
+        assert list((tmp_path / "tiny" / "tensorboard").iterdir())
+
+    @pytest.mark.parametrize(
+        "changes",
+        [
+            ["model.representation=1d", "model.upsample=0"],
+            ["model.representation=eu", "model.upsample=2", "data.directed=false"],
+            ["data.classes=[solid]", "training.precision=bf16-mixed"],
+            ["training.ema_decay=0", "training.optimizer=adam", "training.workers=1"],
+        ],
+    )
+    def test_every_kind_of_network_trains(self, config, tmp_path, changes, request):
+        if "data.classes=[solid]" in changes:
+            experiment = load_experiment(config)
+            name = build_dataset(experiment.data.train[0], tmp_path, ()).classes[0]
+            changes = [f"data.classes=[{name}]", *changes[1:]]
+        run(config, tmp_path, "training.steps=2", *changes)
+
+
+@pytest.mark.parametrize("name", list(REPRESENTATIONS))
+def test_every_representation_overfits_four_images(name):
+    torch.manual_seed(0)
+    network = Network(
+        backbone="residual",
+        backbone_args={"widths": [16, 16, 32, 32], "blocks": [1, 1, 1, 1], "stem": 8},
+        neck_width=32,
+        predictors=2,
+        representation=name,
+    )
+    rng = np.random.default_rng(0)
+    samples = []
+    for i in range(4):
+        ends = rng.uniform(0, 1, (2, 2)) * [[96, 0], [96, 0]] + [[0, 0], [0, 64]]
+        image = np.full((64, 96, 3), 60 * i, np.uint8)
+        samples.append(Sample(str(i), image, Polylines.from_list([ends])))
+    examples = Examples(
+        [samples_of(samples)],
+        None,
+        Augment((64, 96)),
+        Grid((64, 96), 16),
+        border=network.representation.to_border,
+    )
+    batch = collate_examples([examples[i] for i in range(4)])
+    criterion = Criterion(network.representation)
+    optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
+    first = criterion(network(batch.images.float()), batch.targets)[0]
+    for _ in range(150):
+        losses, _ = criterion(network(batch.images.float()), batch.targets)
+        optimizer.zero_grad()
+        losses.total.backward()
+        optimizer.step()
+    assert losses.loc < 0.25 * first.loc
+    assert losses.resp < 0.05
+    assert losses.noresp < 0.03
+
+
+def samples_of(samples):
+    class Listed(list):
+        classes = ("line",)
+        directed = True
+
+    return Listed(samples)
+
+
+def test_the_schedule_warms_up_and_cools_down():
+    def at(step):
+        return learning_rate_factor(step, steps=100, warmup_steps=10, final=0.01)
+
+    assert at(0) == pytest.approx(1 / 11)
+    assert at(10) == pytest.approx(1)
+    assert at(55) == pytest.approx(0.01 + 0.99 / 2)
+    assert at(100) == pytest.approx(0.01)
+    assert at(1000) == pytest.approx(0.01)
+
+
+def test_no_epoch_and_no_process_repeats_examples():
+    seen = []
+    for epoch in range(3):
+        for rank in range(2):
+            seen += list(EndlessSampler(4, lambda consumed=4 * epoch: consumed, rank=rank, world_size=2))
+    assert sorted(seen) == list(range(24))
+
+
+def test_an_example_depends_on_seed_and_number_alone(config, tmp_path):
+    experiment = load_experiment(config, ["augment.preset=gentle"])
+    one, two = (build_loaders(experiment, border=False)[0].dataset for _ in range(2))
+    two[0]
+    a, b = one[7], two[7]
+    assert np.array_equal(a.image, b.image)
+    assert np.array_equal(a.targets.endpoints, b.targets.endpoints)
+    assert not np.array_equal(a.image, one[8].image)
+
+
+def test_sources_are_drawn_by_weight(config, tmp_path):
+    classes = ("line",)
+
+    def source(value):
+        found = samples_of([Sample("x", np.full((64, 96, 3), value, np.uint8), Polylines.from_list([]))])
+        found.classes = classes
+        return found
+
+    examples = Examples(
+        [source(10), source(200)], [3.0, 1.0], Augment((64, 96)), Grid((64, 96), 16), border=False
+    )
+    dark = np.mean([examples[i].image[0, 0, 0] == 10 for i in range(200)])
+    assert 0.65 < dark < 0.85
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("data.train.0.dataset=coco", "use one of"),
+        ("data.train.0.options.kinds=x", "do not fit"),
+        ("data.classes=[purple]", "has no classes purple"),
+        ("augment.preset=strong", "use one of"),
+        ("augment.options.geometric.spin=3", "do not fit"),
+    ],
+)
+def test_mistakes_in_the_data_are_named_before_training(config, tmp_path, change, message):
+    experiment = load_experiment(config, [change])
+    with pytest.raises(ValueError, match=message):
+        build_loaders(experiment, border=False)
+
+
+def test_presets_can_be_changed_one_value_at_a_time(config):
+    experiment = load_experiment(config, ["augment.preset=gentle", "augment.options.geometric.flip=0.0"])
+    augment = build_augment(experiment.augment, (64, 96), "bottom")
+    assert augment.geometric.flip == 0
+    assert augment.geometric.rotation_degrees > 0
