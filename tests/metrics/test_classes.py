@@ -1,0 +1,98 @@
+"""Classes are compared on the samples that were found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from yolino.metrics.bootstrap import bootstrap_intervals
+from yolino.metrics.classes import ClassMetric
+from yolino.types import Polylines
+
+SIZE = (100, 200)
+
+
+def rows(*lines: tuple[float, float, int]) -> Polylines:
+    """Horizontal lines from x = 10, given as y, length and label."""
+    return Polylines.from_list(
+        [[[10, y], [10 + length, y]] for y, length, _ in lines], labels=[label for *_, label in lines]
+    )
+
+
+def test_the_confusion_matrix_counts_found_samples() -> None:
+    metric = ClassMetric()
+    truth = rows((20, 30, 0), (50, 20, 1), (80, 10, 1))
+    prediction = rows((20, 30, 0), (51, 20, 0), (80, 10, 1))
+    metric.update(prediction, truth, SIZE)
+    np.testing.assert_array_equal(metric.confusion, [[30, 0], [20, 10]])
+    assert metric.compute() == {"class_accuracy": 40 / 60}
+
+
+def test_lines_that_are_not_found_do_not_count() -> None:
+    metric = ClassMetric()
+    metric.update(rows((20, 30, 1), (90, 40, 0)), rows((20, 30, 1), (60, 40, 1)), SIZE)
+    assert metric.compute() == {"class_accuracy": 1.0}
+    assert metric.confusion.sum() == 30
+
+
+def test_images_add_up_whatever_classes_they_show() -> None:
+    metric = ClassMetric()
+    for label, found in ((0, 0), (3, 1), (1, 1)):
+        metric.update(rows((20, 10, found)), rows((20, 10, label)), SIZE)
+    np.testing.assert_array_equal(metric.confusion.sum(axis=1), [10, 10, 0, 10])
+    assert metric.confusion[3, 1] == 10
+    assert metric.compute()["class_accuracy"] == pytest.approx(2 / 3)
+    low, high = bootstrap_intervals(metric, np.random.default_rng(0), resamples=50)["class_accuracy"]
+    assert 0 <= low < 2 / 3 < high <= 1
+
+
+def test_two_lines_in_the_same_place_are_judged_alike_in_any_order() -> None:
+    lines = [(20.0, 30.0, 1), (20.0, 30.0, 0)]
+    results = []
+    for prediction in (lines, lines[::-1]):
+        for truth in (
+            [(21.0, 30.0, 1)],
+            [(21.0, 30.0, 0), (21.0, 30.0, 1)],
+            [(21.0, 30.0, 1), (21.0, 30.0, 0)],
+        ):
+            metric = ClassMetric(("a", "b"))
+            metric.update(rows(*prediction), rows(*truth), SIZE)
+            results.append(metric.confusion.tolist())
+    assert results[:3] == results[3:]
+    assert results[1] == results[2]
+
+
+def test_named_classes_fix_the_size_and_the_allowed_labels() -> None:
+    metric = ClassMetric(("solid", "dashed", "dots"))
+    metric.update(rows((20, 10, 0)), rows((20, 10, 0)), SIZE)
+    assert metric.confusion.shape == (3, 3)
+    with pytest.raises(
+        ValueError, match=r"prediction has the label 3, but labels must be 0 to 2 \(solid, dashed"
+    ):
+        metric.update(rows((20, 10, 3)), rows((20, 10, 0)), SIZE)
+    with pytest.raises(ValueError, match="truth has the label -1, but labels must be 0 or more"):
+        ClassMetric().update(rows((20, 10, 0)), rows((20, 10, -1)), SIZE)
+
+
+def test_settings_reach_the_matching() -> None:
+    reverse = Polylines.from_list([[[40, 26], [10, 26]]])
+    metric = ClassMetric(radius=8.0, directed=False, spacing=2.0, angle_radius=math.pi / 8)
+    metric.update(reverse, rows((20, 30, 0)), SIZE)
+    assert metric.confusion.sum() == 15
+    with pytest.raises(ValueError, match="radius must be a positive"):
+        ClassMetric(radius=-1.0)
+
+
+def test_without_found_samples_the_accuracy_is_defined() -> None:
+    nothing, something = Polylines.from_list([]), rows((20, 30, 1))
+    for prediction, truth, expected in (
+        (nothing, nothing, 1),
+        (nothing, something, 0),
+        (something, nothing, 0),
+        (rows((80, 30, 1)), something, 0),
+    ):
+        metric = ClassMetric()
+        metric.update(prediction, truth, SIZE)
+        assert metric.compute() == {"class_accuracy": expected}
