@@ -63,6 +63,16 @@ def test_the_file_is_valid_and_named(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["sub.onnx", "tiny.safetensors"]
 
 
+def test_the_header_can_be_changed(tmp_path):
+    changes = ["name=mine", "postprocess.threshold=0.3", "postprocess.linker=tree"]
+    header = OnnxEngine(export(checkpoint(tmp_path), changes=changes)).header
+    assert header.name == "mine"
+    assert header.postprocess == {"threshold": 0.3, "linker": "tree"}
+    for change, message in (("nme=x", "unknown nme"), ("name", "key=value"), ("stride=much", "stride")):
+        with pytest.raises(ValueError, match=message):
+            export(checkpoint(tmp_path), changes=[change])
+
+
 def test_wrong_input_is_refused(tmp_path):
     with pytest.raises(ValueError, match="use one of onnx"):
         export(checkpoint(tmp_path), format="caffe")

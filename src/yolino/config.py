@@ -89,6 +89,7 @@ class Training(Section):
     """How to optimize.
 
     Attributes:
+        start_from: Checkpoint whose weights training begins with (fine-tuning); none for random weights.
         steps: Optimizer steps in all.
         batch_size: Images per step (and process).
         lr: Peak learning rate, reached after the warm-up, then lowered by half a cosine.
@@ -108,6 +109,7 @@ class Training(Section):
         threads: Threads of the CPU for the network; 0 leaves torch's choice.
     """
 
+    start_from: Path | None = None
     steps: int = Field(5000, ge=1)
     batch_size: int = Field(8, ge=1)
     lr: float = Field(2e-3, gt=0)
@@ -179,29 +181,33 @@ def load_experiment(path: str | Path, overrides: Sequence[str] = ()) -> Experime
         raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(values, dict):
         raise ValueError(f"{path} holds no sections; an experiment file begins with `name:` and `data:`.")
-    for override in overrides:
-        _override(values, override)
+    for change in overrides:
+        override(values, change)
     try:
         return Experiment.model_validate(values)
     except ValidationError as error:
         raise ValueError(f"{path}: {_explain(error)}") from error
 
 
-def _override(values: dict[str, Any], override: str) -> None:
-    """Sets one `a.b.c=value` (value read as YAML) in the nested dicts and lists."""
-    key, equals, text = override.partition("=")
+def override(values: dict[str, Any], change: str) -> None:
+    """Sets one `a.b.c=value` (value read as YAML) in nested dicts and lists.
+
+    Raises:
+        ValueError: The change is not of this form, or its key does not fit the values.
+    """
+    key, equals, text = change.partition("=")
     if not equals or not key:
-        raise ValueError(f"Override {override!r} is not of the form key=value, e.g. training.lr=1e-3.")
+        raise ValueError(f"Override {change!r} is not of the form key=value, e.g. training.lr=1e-3.")
     *parents, last = key.split(".")
     at: Any = values
     for part in parents:
-        at = at[_place(at, part, override)] if isinstance(at, list) else at.setdefault(part, {})
+        at = at[_place(at, part, change)] if isinstance(at, list) else at.setdefault(part, {})
         if not isinstance(at, dict | list):
-            raise ValueError(f"Override {override!r}: {part} is a single value and has no keys below it.")
+            raise ValueError(f"Override {change!r}: {part} is a single value and has no keys below it.")
     value = yaml.safe_load(text)
     if isinstance(value, str):
         value = _number(value)
-    at[_place(at, last, override) if isinstance(at, list) else last] = value
+    at[_place(at, last, change) if isinstance(at, list) else last] = value
 
 
 def _number(text: str) -> str | float:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import tempfile
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import onnx
 import torch
 
+from yolino.config import override
 from yolino.header import Header
 from yolino.inference.engines import OnnxEngine
 from yolino.io import write_atomic
@@ -24,7 +27,13 @@ TOLERANCE_PX = 1e-3
 TOLERANCE_SCORE = 1e-4
 
 
-def export(checkpoint: str | Path, *, format: str = "onnx", out: str | Path | None = None) -> Path:
+def export(
+    checkpoint: str | Path,
+    *,
+    format: str = "onnx",
+    out: str | Path | None = None,
+    changes: Sequence[str] = (),
+) -> Path:
     """Writes the network of a checkpoint as one file that needs no torch.
 
     The file is run beside the torch network before it gets its name: end points must agree to 1e-3 px.
@@ -33,6 +42,7 @@ def export(checkpoint: str | Path, *, format: str = "onnx", out: str | Path | No
         checkpoint: A `.safetensors` file of `yolino train`.
         format: `onnx`.
         out: The file to write; beside the checkpoint if None.
+        changes: `key=value` changes to the header, such as `postprocess.threshold=0.3` after tuning.
 
     Returns:
         The file that was written.
@@ -44,6 +54,7 @@ def export(checkpoint: str | Path, *, format: str = "onnx", out: str | Path | No
     if format not in FORMATS:
         raise ValueError(f"format {format!r} is unknown; use one of {', '.join(FORMATS)}.")
     network, header = load_checkpoint(checkpoint)
+    header = changed_header(header, changes)
     out = Path(out) if out is not None else Path(checkpoint).with_suffix(".onnx")
     data = onnx_bytes(network, header)
     with tempfile.TemporaryDirectory() as folder:
@@ -52,6 +63,18 @@ def export(checkpoint: str | Path, *, format: str = "onnx", out: str | Path | No
         _compare(TorchEngine.of(network, header), OnnxEngine(trial, device="cpu"), header)
     write_atomic(out, data)
     return out
+
+
+def changed_header(header: Header, changes: Sequence[str]) -> Header:
+    """Gives the header with `key=value` changes.
+
+    Raises:
+        ValueError: A change is not of that form, names an unknown key, or has a value that is not allowed.
+    """
+    values = json.loads(header.to_json())
+    for change in changes:
+        override(values, change)
+    return Header.from_json(json.dumps(values)) if changes else header
 
 
 def onnx_bytes(network: Network, header: Header) -> bytes:

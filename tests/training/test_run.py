@@ -93,6 +93,26 @@ class TestRuns:
         with pytest.raises(ValueError, match=r"other settings \(training\.lr\)"):
             train(config, [f"out={tmp_path}", "training.lr=0.5"], progress=False)
 
+    def test_fine_tuning_begins_with_the_weights_of_a_checkpoint(self, config, tmp_path):
+        run(config, tmp_path)
+        best = tmp_path / "tiny" / "best.safetensors"
+        changes = [
+            f"out={tmp_path / 'tuned'}",
+            f"training.start_from={best}",
+            "training.lr=1e-12",
+            "training.ema_decay=0",
+        ]
+        tuned = load_file(train(config, [*changes, "training.weight_decay=0"], progress=False))
+        for name, tensor in load_file(best).items():
+            if "running" not in name and "num_batches" not in name:
+                torch.testing.assert_close(tensor, tuned[name], atol=1e-6, rtol=0, msg=name)
+        with pytest.raises(ValueError, match="other layers"):
+            train(
+                config,
+                [f"out={tmp_path / 'other'}", f"training.start_from={best}", "model.predictors=3"],
+                progress=False,
+            )
+
     def test_the_best_checkpoint_says_where_it_comes_from(self, config, tmp_path):
         run(config, tmp_path, "data.licence=CC0", "data.description=shapes")
         _, header = load_checkpoint(tmp_path / "tiny" / "best.safetensors")

@@ -74,6 +74,8 @@ class Network(nn.Module):
         self.neck = Neck(channels, upsample=upsample, width=neck_width)
         self.head = nn.Conv2d(self.neck.out_channels, predictors * self.outputs_per_predictor, 1)
         self._init_head()
+        self.pixel_mean: Tensor
+        self.pixel_std: Tensor
         self.register_buffer("pixel_mean", torch.tensor(PIXEL_MEAN).view(1, 3, 1, 1), persistent=False)
         self.register_buffer("pixel_std", torch.tensor(PIXEL_STD).view(1, 3, 1, 1), persistent=False)
 

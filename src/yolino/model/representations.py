@@ -44,6 +44,12 @@ class Representation(ABC):
         """Gives the paper's distance d(g, g^) between segments; the leading axes broadcast."""
 
 
+def _pairs(params: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 2 2"]:
+    """Splits four numbers into two pairs."""
+    pairs: Tensor = params.unflatten(-1, (2, 2))  # type: ignore[no-untyped-call]
+    return pairs
+
+
 def stretched_sigmoid(raw: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """Squashes into (-0.2, 1.2), so that targets at exactly 0 and 1 lie where the slope is not yet flat."""
     return 1.4 * torch.sigmoid(raw) - 0.2
@@ -65,13 +71,14 @@ class CartesianPoints(Representation):
 
     def decode(self, params: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 2 2"]:
         """Splits g into start and end point."""
-        return params.unflatten(-1, (2, 2))
+        return _pairs(params)
 
     def distance(
         self, a: Float[Tensor, "*#shape 4"], b: Float[Tensor, "*#shape 4"]
     ) -> Float[Tensor, "*#shape"]:
         """Sums the Euclidean distances of the start and of the end points (paper, Eq. 1)."""
-        return torch.linalg.vector_norm((a - b).unflatten(-1, (2, 2)), dim=-1).sum(-1)
+        distance: Tensor = torch.linalg.vector_norm(_pairs(a - b), dim=-1).sum(-1)
+        return distance
 
 
 class BorderPositions(Representation):
@@ -115,18 +122,19 @@ class EulerAngles(Representation):
 
     def activate(self, raw: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 4"]:
         """Normalizes each (cos, sin) pair to the unit circle."""
-        pairs = raw.unflatten(-1, (2, 2))
+        pairs = _pairs(raw)
         return (pairs / pairs.square().sum(-1, keepdim=True).add(1e-6).sqrt()).flatten(-2)
 
     def encode(self, endpoints: Float[Tensor, "*shape 2 2"]) -> Float[Tensor, "*shape 4"]:
         """Gives cosine and sine of the angle from the downward y-axis towards x, at the cell center."""
         ray = endpoints - 0.5
         ray = ray / torch.linalg.vector_norm(ray, dim=-1, keepdim=True).clamp_min(1e-6)
-        return ray.flip(-1).flatten(-2)  # (x, y) = (sin, cos)
+        distance: Tensor = ray.flip(-1).flatten(-2)  # (x, y) = (sin, cos)
+        return distance
 
     def decode(self, params: Float[Tensor, "*shape 4"]) -> Float[Tensor, "*shape 2 2"]:
         """Follows each ray from the cell center to the border of the cell."""
-        ray = params.unflatten(-1, (2, 2)).flip(-1)
+        ray = _pairs(params).flip(-1)
         return 0.5 + 0.5 * ray / ray.abs().amax(-1, keepdim=True).clamp_min(1e-6)
 
     def distance(
@@ -160,7 +168,8 @@ class MidpointDirection(Representation):
         self, a: Float[Tensor, "*#shape 4"], b: Float[Tensor, "*#shape 4"]
     ) -> Float[Tensor, "*#shape"]:
         """Sums the Euclidean distances of the midpoints and of the extents."""
-        return torch.linalg.vector_norm((a - b).unflatten(-1, (2, 2)), dim=-1).sum(-1)
+        distance: Tensor = torch.linalg.vector_norm(_pairs(a - b), dim=-1).sum(-1)
+        return distance
 
 
 REPRESENTATIONS: dict[str, type[Representation]] = {

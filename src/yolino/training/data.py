@@ -76,7 +76,7 @@ def build_augment(augmentation: Augmentation, size: tuple[int, int], fit: str) -
         raise ValueError(
             f"augmentation preset {augmentation.preset!r} is unknown; use one of {', '.join(PRESETS)}."
         )
-    groups = {name: dict(values) for name, values in PRESETS[augmentation.preset].items()}
+    groups: dict[str, Any] = {name: dict(values) for name, values in PRESETS[augmentation.preset].items()}
     for name, changes in augmentation.options.items():
         groups[name] = {**groups.get(name, {}), **changes} if isinstance(changes, dict) else changes
     try:

@@ -47,7 +47,7 @@ class TrainingModule(LightningModule):
         super().__init__()
         self.experiment = experiment
         network = Network(**network_arguments(experiment))
-        self.network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.network = network.to(memory_format=torch.channels_last)
         self.criterion = Criterion(
             self.network.representation, directed=experiment.data.directed, **experiment.loss.model_dump()
         )
@@ -67,7 +67,8 @@ class TrainingModule(LightningModule):
         losses, matches = self.criterion(prediction, batch.targets)
         self._log_losses("train", losses, len(batch.images))
         self.log("train/surplus", float(matches.surplus), batch_size=len(batch.images))
-        return losses.total
+        total: Tensor = losses.total
+        return total
 
     def on_validation_epoch_start(self) -> None:
         """Begins new counts."""

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-import subprocess
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +20,14 @@ from lightning.pytorch.callbacks import (
     WeightAveraging,
 )
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
-from lightning.pytorch.plugins.io import TorchCheckpointIO
-from torch import Tensor
 from torch.utils.data import DataLoader
 
 from yolino.config import Experiment, Source, load_experiment
 from yolino.grid import Grid
-from yolino.header import Header
 from yolino.io import write_atomic
-from yolino.model.checkpoint import save_checkpoint
+from yolino.model.checkpoint import load_checkpoint
 from yolino.training.augment import Augment
+from yolino.training.callbacks import BEST, LAST, AtomicCheckpointIO, KeepBest, Pictures, moving_average
 from yolino.training.data import (
     Batch,
     EndlessSampler,
@@ -40,131 +36,9 @@ from yolino.training.data import (
     build_dataset,
     collate_examples,
 )
-from yolino.training.module import TrainingModule, network_arguments
-from yolino.training.pictures import prediction_pictures
+from yolino.training.module import TrainingModule
 
 logger = logging.getLogger(__name__)
-LAST = "last.ckpt"
-BEST = "best.safetensors"
-
-
-class AtomicCheckpointIO(TorchCheckpointIO):
-    """Writes Lightning's checkpoint to a temporary name first: a kill while writing leaves the one before."""
-
-    def save_checkpoint(
-        self, checkpoint: dict[str, Any], path: Any, storage_options: Any | None = None
-    ) -> None:
-        """Writes, then renames."""
-        temporary = f"{path}.part"
-        super().save_checkpoint(checkpoint, temporary, storage_options)
-        os.replace(temporary, path)
-
-
-class KeepBest(Callback):
-    """Writes `best.safetensors` whenever validation F1 improves.
-
-    Stands before the averaging of weights in the list, so that the averaged weights are still in place.
-    """
-
-    def __init__(self, experiment: Experiment, folder: Path) -> None:
-        self.experiment, self.folder, self.best = experiment, folder, -1.0
-
-    def state_dict(self) -> dict[str, Any]:
-        """Gives what a resumed run must remember."""
-        return {"best": self.best}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Remembers."""
-        self.best = float(state_dict["best"])
-
-    def on_validation_epoch_end(self, trainer: Trainer, pl_module: Any) -> None:
-        """Scores, logs, and keeps the weights if they are the best so far."""
-        scores = pl_module.validation_scores()
-        for name, value in scores.items():
-            pl_module.log(f"val/{name}", value, sync_dist=True, prog_bar=name == "f1")
-        if trainer.sanity_checking or not trainer.is_global_zero:
-            return
-        step, better = trainer.global_step, scores["f1"] > self.best
-        if better:
-            self.best = scores["f1"]
-            header = build_header(self.experiment, {**scores, "step": step})
-            save_checkpoint(
-                self.folder / BEST, pl_module.network.state_dict(), header, network_arguments(self.experiment)
-            )
-        text = " ".join(f"{k} {v:.3f}" for k, v in scores.items())
-        logger.info("step %d: %s%s", step, text, " (best)" if better else "")
-
-
-class Pictures(Callback):
-    """Puts pictures of predictions beside labels into TensorBoard."""
-
-    def __init__(self, examples: Examples, threshold: float, count: int = 4) -> None:
-        self.examples, self.threshold, self.count = examples, threshold, min(count, len(examples))
-
-    def on_validation_epoch_end(self, trainer: Trainer, pl_module: Any) -> None:
-        """Draws the first validation images with the weights of the validation."""
-        if trainer.sanity_checking or not trainer.is_global_zero:
-            return
-        board = next((log for log in trainer.loggers if isinstance(log, TensorBoardLogger)), None)
-        if board is not None:
-            sheet = prediction_pictures(
-                pl_module, [self.examples[i] for i in range(self.count)], self.threshold
-            )
-            board.experiment.add_image(
-                "val/label and prediction", sheet, trainer.global_step, dataformats="HWC"
-            )
-
-
-def moving_average(decay: float) -> Callable[[Tensor, Tensor, Tensor | int], Tensor]:
-    """Gives the update of an exponential moving average that forgets the random start.
-
-    The decay begins small and grows with the number of updates. With a constant one of 0.998 a fifth of the
-    weights were still those of the first step after 750, and validation saw a network that found nothing.
-    """
-
-    def update(average: Tensor, current: Tensor, count: Tensor | int) -> Tensor:
-        now = min(decay, (1 + int(count)) / (10 + int(count)))
-        return now * average + (1 - now) * current
-
-    return update
-
-
-def build_header(experiment: Experiment, metrics: Mapping[str, float]) -> Header:
-    """Gives the header of the model that an experiment trains, with the threshold best in validation."""
-    data, model = experiment.data, experiment.model
-    postprocess = experiment.postprocess.model_dump()
-    if "threshold" in metrics:
-        postprocess["threshold"] = metrics["threshold"]
-    return Header(
-        version=version("yolino"),
-        name=experiment.name,
-        size=data.size,
-        stride=32 >> model.upsample,
-        predictors=model.predictors,
-        representation=model.representation,
-        classes=data.classes,
-        directed=data.directed,
-        fit=data.fit,
-        licence=data.licence,
-        data=data.description,
-        postprocess=postprocess,
-        metrics=dict(metrics),
-        commit=git_commit(),
-    )
-
-
-def git_commit() -> str:
-    """Gives the commit of the working tree that holds this package, or "unknown" for an installed one."""
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return done.stdout.strip()
 
 
 def build_examples(
@@ -205,8 +79,8 @@ def build_loaders(
     shared: dict[str, Any] = {"batch_size": training.batch_size, "collate_fn": collate_examples}
     workers: dict[str, Any] = {"num_workers": training.workers, "persistent_workers": training.workers > 0}
     return (
-        DataLoader(train, sampler=sampler, worker_init_fn=_single_thread, **workers, **shared),  # type: ignore[arg-type]
-        DataLoader(val, shuffle=False, **shared),
+        DataLoader[Any](train, sampler=sampler, worker_init_fn=_single_thread, **workers, **shared),
+        DataLoader[Any](val, shuffle=False, **shared),
     )
 
 
@@ -270,22 +144,24 @@ def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool =
     """
     experiment = load_experiment(config, overrides)
     folder = experiment.out / experiment.name
-    _claim(folder, experiment)
     seed_everything(experiment.training.seed, verbose=False)
     if experiment.training.threads:
         torch.set_num_threads(experiment.training.threads)
     module = TrainingModule(experiment)
+    if experiment.training.start_from is not None:
+        _start_from(module, experiment.training.start_from)
     rank, world_size = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
     border = module.network.representation.to_border
     loader, val_loader = build_loaders(
-        experiment, border=border, step=lambda: int(trainer.global_step), rank=rank, world_size=world_size
+        experiment, border=border, step=lambda: trainer.global_step, rank=rank, world_size=world_size
     )
     assert isinstance(val_loader.dataset, Examples)
+    _claim(folder, experiment)
     callbacks = [
         Pictures(val_loader.dataset, experiment.postprocess.threshold),
         KeepBest(experiment, folder),
     ]
-    trainer = build_trainer(
+    trainer: Trainer = build_trainer(
         experiment, folder, callbacks, enable_progress_bar=progress, enable_model_summary=False
     )
     last = folder / LAST
@@ -296,6 +172,23 @@ def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool =
         warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
         trainer.fit(module, loader, val_loader, ckpt_path=str(last) if last.is_file() else None)
     return folder / BEST
+
+
+def _start_from(module: TrainingModule, path: Path) -> None:
+    """Gives the network the weights of a checkpoint.
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: The file is no checkpoint, or its network is another one.
+    """
+    network, header = load_checkpoint(path)
+    try:
+        module.network.load_state_dict(network.state_dict())
+    except RuntimeError as error:
+        raise ValueError(
+            f"training.start_from: the network of {path} ({header.name}) has other layers than this experiment's; "
+            "use the same model section."
+        ) from error
 
 
 def _claim(folder: Path, experiment: Experiment) -> None:
