@@ -1,0 +1,32 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Model = Annotated[
+    str, typer.Option("--model", "-m", metavar="default|PATH", help="A packaged model, or a model file.")
+]
+Device = Annotated[str, typer.Option("--device", metavar="auto|cpu|cuda", help="Where the network runs.")]
+Threshold = Annotated[
+    float | None,
+    typer.Option(
+        "--threshold", "-t", min=0, max=1, help="Lowest score of a segment.", show_default="the model's"
+    ),
+]
+DatasetName = Annotated[str, typer.Option("--dataset", metavar="NAME", help="tusimple or synthetic.")]
+Root = Annotated[Path | None, typer.Option("--root", metavar="DIR", help="Folder of the dataset.")]
+Labels = Annotated[
+    list[Path] | None,
+    typer.Option("--labels", metavar="FILE", help="Label file, absolute or below the root; may be repeated."),
+]
+More = Annotated[
+    list[str] | None,
+    typer.Option("--option", "-O", metavar="KEY=VALUE", help="Argument of the dataset; may be repeated."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else on stdout.")]
+
+__all__ = ["AsJson", "DatasetName", "Device", "Labels", "Model", "More", "Root", "Threshold"]

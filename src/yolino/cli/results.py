@@ -1,0 +1,142 @@
+"""What `yolino predict` does with each image: read, predict, write."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import UInt8
+
+from yolino.datasets.tusimple import Record, polylines_to_record, write_records
+from yolino.inference import Predictor
+from yolino.io import FORMATS, Result, read_image, write_atomic, write_image
+from yolino.viz import draw_polylines
+
+TUSIMPLE = "tusimple"
+SUBMISSION = "predictions.json"
+
+
+class Found(NamedTuple):
+    """What one image gave, and how long the predictor took for it."""
+
+    name: str
+    path: Path
+    result: Result
+    milliseconds: float
+
+
+class ResultWriter:
+    """Writes the results of images into a folder, each file wholly or not at all.
+
+    Args:
+        out: The folder.
+        format: A name in `FORMATS`: a file for each image; or "tusimple": one file of JSON lines for all.
+        pictures: Whether to write each image with its lines drawn.
+
+    Raises:
+        ValueError: If the format is unknown.
+    """
+
+    def __init__(self, out: Path, format: str, *, pictures: bool) -> None:
+        if format not in (*FORMATS, TUSIMPLE):
+            raise ValueError(f"The format {format!r} is unknown; use {' or '.join([*FORMATS, TUSIMPLE])}.")
+        self.out, self.format, self.pictures = out, format, pictures
+
+    def refuse_overwriting(self, images: list[Path], names: list[str]) -> None:
+        """Raises ValueError if a result would replace one of the images."""
+        originals = {path.resolve() for path in images}
+        for name in names if self.pictures else ():
+            if self._picture(name).resolve() in originals:
+                raise ValueError(
+                    f"The picture {self._picture(name)} would replace a source image; "
+                    "choose another --out, or --no-images."
+                )
+
+    def write(
+        self, predictor: Predictor, name: str, image: UInt8[np.ndarray, "h w 3"], result: Result
+    ) -> None:
+        """Writes the files of one image."""
+        if self.format in FORMATS:
+            write_atomic(self.out / f"{name}.{self.format}", FORMATS[self.format](result))
+        if self.pictures:
+            color_by = "label" if len(result.classes) > 1 else "identity"
+            directed = predictor.header.directed
+            drawn = draw_polylines(image, result.polylines, color_by=color_by, directed=directed)
+            write_image(self._picture(name), drawn)
+
+    def finish(self, found: list[Found]) -> None:
+        """Writes the file of all images, where the format has one."""
+        if self.format == TUSIMPLE:
+            write_records(self.out / SUBMISSION, [_submission(one) for one in found])
+
+    def _picture(self, name: str) -> Path:
+        return self.out / f"{name}.png"
+
+
+def predict_one(predictor: Predictor, path: Path, name: str, writer: ResultWriter) -> Found:
+    """Reads one image, predicts it and writes its results.
+
+    Raises:
+        UnreadableError: If the image cannot be read; what else goes wrong concerns more than this image.
+    """
+    try:
+        image = read_image(path)
+    except (ValueError, OSError, MemoryError) as error:
+        raise UnreadableError(
+            " ".join(str(error).split()) or f"{path} is too large for the memory."
+        ) from error
+    start = time.perf_counter()
+    polylines = predictor(image)
+    milliseconds = (time.perf_counter() - start) * 1e3
+    size = (image.shape[0], image.shape[1])
+    header = predictor.header
+    result = Result(path.as_posix(), size, polylines, header.classes, header.name)
+    writer.write(predictor, name, image, result)
+    return Found(name, path, result, milliseconds)
+
+
+class UnreadableError(ValueError):
+    """One image cannot be read; the others can."""
+
+
+def rows(found: list[Found]) -> list[tuple[str, int, str]]:
+    """Gives the rows of the table: image, polylines, milliseconds."""
+    shown = []
+    for one in found:
+        suffix = "" if one.name.endswith(one.path.suffix) else one.path.suffix
+        shown.append((one.name + suffix, len(one.result.polylines), f"{one.milliseconds:.1f}"))
+    return shown
+
+
+def summary(found: list[Found], out: Path) -> str:
+    """Gives the line below the table."""
+    count = sum(len(one.result.polylines) for one in found)
+    images = f"{len(found)} image{'s' * (len(found) != 1)}"
+    lines = f"{count} polyline{'s' * (count != 1)}"
+    return f"{images}, {lines}, {median(one.milliseconds for one in found):.1f} ms per image -> {out}"
+
+
+def _submission(found: Found) -> Record:
+    """Gives the submission record; the rows are the benchmark's, scaled for other heights than 720."""
+    height = found.result.size[0]
+    rows = [row * height / 720 for row in range(160, 720, 10)]
+    return polylines_to_record(
+        _raw_file(found.path),
+        found.result.polylines,
+        [int(row) if row.is_integer() else row for row in rows],
+        size=found.result.size,
+        run_time=round(found.milliseconds, 3),
+    )
+
+
+def _raw_file(path: Path) -> str:
+    """Gives the name that the benchmark uses: from the folder `clips` on, if there is one."""
+    parts = path.parts
+    start = len(parts) - 1 - parts[::-1].index("clips") if "clips" in parts else 0
+    return Path(*parts[start:]).as_posix()
+
+
+__all__ = ["Found", "ResultWriter", "UnreadableError", "predict_one", "rows", "summary"]

@@ -1,0 +1,60 @@
+"""What the commands show: results on stdout, progress and complaints on stderr."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TypeVar
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+T = TypeVar("T")
+FEW = 3
+SHOWN_ROWS = 20
+MISTAKE = 2
+
+
+def track(items: Sequence[T], title: str) -> Iterator[T]:
+    """Yields `items` under a progress bar on stderr, if there are more than a few and somebody watches."""
+    console = Console(stderr=True)
+    if len(items) <= FEW or not console.is_terminal:
+        yield from items
+        return
+    columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield from progress.track(items)
+
+
+def print_table(header: Sequence[str], rows: Iterable[Sequence[object]], *, title: str | None = None) -> None:
+    """Prints rows on stdout: first column to the left, the others to the right; very many are cut short."""
+    every = list(rows)
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for i, name in enumerate(header):
+        table.add_column(name, justify="right" if i else "left", overflow="fold")
+    for row in every[:SHOWN_ROWS]:
+        table.add_row(*(Text(str(cell)) for cell in row))
+    if len(every) > SHOWN_ROWS:
+        table.add_row(f"... and {len(every) - SHOWN_ROWS} more")
+    Console().print(table)
+
+
+@contextlib.contextmanager
+def report_problems(problems: Sequence[str]) -> Iterator[None]:
+    """Prints the problems that gather in the block, a line each on stderr, then ends with exit code 2.
+
+    They are told even where the block fails.
+    """
+    try:
+        yield
+    finally:
+        for problem in problems:
+            typer.echo(f"Error: {problem}", err=True)
+    if problems:
+        raise typer.Exit(MISTAKE)
+
+
+__all__ = ["FEW", "MISTAKE", "SHOWN_ROWS", "print_table", "report_problems", "track"]

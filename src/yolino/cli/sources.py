@@ -1,0 +1,104 @@
+"""From what the user names (images, folders, globs) to image files, and to names for their results."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".jp2"})
+
+
+class Sources(NamedTuple):
+    """What was found.
+
+    Attributes:
+        images: Image files, each once, in the order of the sources.
+        problems: A sentence for each source that names nothing.
+    """
+
+    images: list[Path]
+    problems: list[str]
+
+
+def find_images(sources: Sequence[str], *, excluded: Path) -> Sources:
+    """Gives the image files that `sources` name.
+
+    A folder stands for all images in it and below, without hidden ones and those in `excluded` (earlier
+    results). A file is taken whatever its suffix is, and so is a path that does not exist: reading it tells.
+
+    Args:
+        sources: Paths of images or folders, or globs (`**` goes through folders).
+        excluded: Folder whose images are none.
+    """
+    images: dict[Path, Path] = {}
+    problems = []
+    for source in sources:
+        found = _expand(source, excluded.resolve())
+        if not found:
+            kind = "The folder" if Path(source).is_dir() else "The pattern"
+            problems.append(f"{kind} {source} names no image ({', '.join(sorted(SUFFIXES))}).")
+        for path in found:
+            images.setdefault(path.resolve(), path)
+    return Sources(list(images.values()), problems)
+
+
+def _expand(source: str, excluded: Path) -> list[Path]:
+    path = Path(source)
+    if path.is_dir():
+        return _images_below(path, excluded)
+    if path.exists() or not glob.has_magic(source):
+        return [path]
+    matches = sorted(map(Path, glob.glob(os.path.expanduser(source), recursive=True)))
+    files = [match for match in matches if match.is_file() and match.suffix.lower() in SUFFIXES]
+    if "**" in source:
+        return files
+    return files + [image for match in matches if match.is_dir() for image in _images_below(match, excluded)]
+
+
+def _images_below(folder: Path, excluded: Path) -> list[Path]:
+    found = []
+    for parent, folders, names in os.walk(folder):
+        folders[:] = sorted(
+            name for name in folders if name[0] != "." and Path(parent, name).resolve() != excluded
+        )
+        found += [
+            Path(parent, name)
+            for name in sorted(names)
+            if name[0] != "." and Path(name).suffix.lower() in SUFFIXES
+        ]
+    return found
+
+
+def result_names(images: Sequence[Path]) -> list[str]:
+    """Gives a name for the results of each image, each once: its stem; where several share it, with folders.
+
+    The folders are those below the folder that the sharing images have in common. Images of one folder that
+    differ in their suffix alone keep it.
+    """
+    names = [image.stem for image in images]
+    for same in _shared(names):
+        paths = [images[i].resolve() for i in same]
+        common = os.path.commonpath([path.parent for path in paths])
+        below = [path.relative_to(common) for path in paths]
+        short = [path.with_name(path.stem).as_posix() for path in below]
+        twins = {k for group in _shared(short) for k in group}
+        for k, i in enumerate(same):
+            names[i] = below[k].as_posix() if k in twins else short[k]
+    for same in _shared(names):
+        for count, i in enumerate(same, 1):
+            names[i] += f"-{count}"
+    return names
+
+
+def _shared(names: Sequence[str]) -> list[list[int]]:
+    """Gives the groups of indices whose names are the same where upper and lower case are."""
+    groups: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        groups.setdefault(name.casefold(), []).append(i)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+__all__ = ["SUFFIXES", "Sources", "find_images", "result_names"]

@@ -1,0 +1,9 @@
+"""From an image array to polylines, without torch: preprocess, engine, post-processing."""
+
+from __future__ import annotations
+
+from yolino.inference.engines import ENGINES, Engine, OnnxEngine, open_engine
+from yolino.inference.predictor import Predictor, Stages, load
+from yolino.inference.preprocess import Preprocess
+
+__all__ = ["ENGINES", "Engine", "OnnxEngine", "Predictor", "Preprocess", "Stages", "load", "open_engine"]

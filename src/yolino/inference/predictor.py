@@ -1,0 +1,229 @@
+"""Image(s) in, polylines out: preprocess, network, threshold, NMS, linking, and back into the image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple, overload
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from yolino.geometry import transform_points
+from yolino.header import Header
+from yolino.inference.engines import ENGINES, Engine, open_engine
+from yolino.inference.preprocess import Preprocess
+from yolino.types import Output, Polylines, Segments
+
+Suppressor = Callable[[Segments], Segments]
+Linker = Callable[[Segments], Polylines]
+Image = NDArray[np.generic]
+
+DEFAULT_THRESHOLD = 0.5
+DEFAULT_LINKER = "chain"
+
+
+class Stages(NamedTuple):
+    """What each step makes of one image, in image pixels.
+
+    Attributes:
+        candidates: Segments of the network with a score above the threshold.
+        segments: What the NMS leaves of them.
+        polylines: What the linker makes of those.
+    """
+
+    candidates: Segments
+    segments: Segments
+    polylines: Polylines
+
+
+class Predictor:
+    """Detects polylines with a loaded network.
+
+    Post-processing happens in the frame of the network, so its parameters hold at every image size.
+
+    Args:
+        engine: Loaded network.
+        header: What the model file says about itself; the engine's by default.
+        threshold: Lowest score of a segment, 0..1; the header's by default.
+        nms: Merges segments; by default the header's `NMS`.
+        linker: Joins segments to polylines; by default the header's.
+        batch_size: Images per run of the network when several are given.
+
+    Raises:
+        ValueError: If an argument, or what the header says about the post-processing, is not allowed.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        header: Header | None = None,
+        *,
+        threshold: float | None = None,
+        nms: Suppressor | None = None,
+        linker: Linker | None = None,
+        batch_size: int = 4,
+    ) -> None:
+        header = engine.header if header is None else header
+        threshold = header.postprocess.get("threshold", DEFAULT_THRESHOLD) if threshold is None else threshold
+        if not 0 <= threshold <= 1:
+            raise ValueError(f"threshold is {threshold}, but a score is between 0 and 1.")
+        if batch_size < 1:
+            raise ValueError(f"batch_size is {batch_size}, but must be at least 1.")
+        self.engine, self.header, self.batch_size = engine, header, batch_size
+        self.threshold = float(threshold)
+        self.preprocess = Preprocess(header.size, header.fit)
+        self.nms = build_nms(header) if nms is None else nms
+        self.linker = build_linker(header) if linker is None else linker
+
+    @overload
+    def __call__(self, images: Image) -> Polylines: ...
+    @overload
+    def __call__(self, images: Sequence[Image]) -> list[Polylines]: ...
+    def __call__(self, images: Image | Sequence[Image]) -> Polylines | list[Polylines]:
+        """Gives the polylines of an image in its pixels, or a list of them for a list of images.
+
+        Args:
+            images: One image, `(h, w, 3)` RGB or `(h, w)` gray of uint8; a list of such images of any sizes;
+                or a stack of them, `(b, h, w, 3)`.
+
+        Raises:
+            ValueError: If an array is no such image, or the network gives numbers that are not finite.
+        """
+        if isinstance(images, np.ndarray) and images.ndim != 4:
+            return self([images])[0]
+        every = list(images)
+        lines: list[Polylines] = []
+        for start in range(0, len(every), self.batch_size):
+            for found, matrix in self._detect(every[start : start + self.batch_size]):
+                lines.append(_map_polylines(self.linker(self.nms(found)), matrix))
+        return lines
+
+    def segments(self, image: Image) -> Segments:
+        """Gives the segments above the threshold as the network gives them, in pixels of the image."""
+        ((found, matrix),) = self._detect([image])
+        return _map_segments(found, matrix)
+
+    def stages(self, image: Image) -> Stages:
+        """Gives what every step makes of the image, from one run of the network."""
+        ((found, matrix),) = self._detect([image])
+        merged = self.nms(found)
+        lines = self.linker(merged)
+        return Stages(
+            _map_segments(found, matrix), _map_segments(merged, matrix), _map_polylines(lines, matrix)
+        )
+
+    def warm_up(self) -> None:
+        """Runs every step once on made-up input, so that the first image takes no longer than the others."""
+        height, width = self.header.size
+        self.engine(np.zeros((1, height, width, 3), np.uint8))
+        steps = np.linspace(0.0, 1.0, 9)[:, None] * (0.0, -height) + (width / 2, height)
+        self.linker(self.nms(Segments(np.repeat(np.stack([steps[:-1], steps[1:]], axis=1), 2, axis=0))))
+
+    def _detect(self, images: list[Image]) -> list[tuple[Segments, Float[np.ndarray, "3 3"]]]:
+        """Gives the segments above the threshold in the network's frame, and each image's matrix back."""
+        inputs, matrices = zip(*(self.preprocess(image) for image in images), strict=True)
+        output = self.engine(np.stack(inputs))
+        return [(_above(output, i, self.threshold), matrix) for i, matrix in enumerate(matrices)]
+
+
+def _above(output: Output, index: int, threshold: float) -> Segments:
+    """Gives the segments of image `index` with at least `threshold`; only these become float64."""
+    kept = np.flatnonzero(output.scores[index] >= threshold)
+    endpoints = output.endpoints[index, kept].astype(np.float64)
+    if not np.isfinite(endpoints).all():
+        raise ValueError(
+            "The network gave end points that are not finite: its file is damaged or its precision too low."
+        )
+    scores = output.scores[index, kept].astype(np.float64)
+    if output.probabilities is None:
+        return Segments(endpoints, scores)
+    return Segments(endpoints, scores, probabilities=output.probabilities[index, kept].astype(np.float64))
+
+
+def _map_segments(segments: Segments, matrix: Float[np.ndarray, "3 3"]) -> Segments:
+    return segments.with_endpoints(transform_points(segments.endpoints, matrix))
+
+
+def _map_polylines(polylines: Polylines, matrix: Float[np.ndarray, "3 3"]) -> Polylines:
+    return polylines.with_vertices(transform_points(polylines.vertices, matrix))
+
+
+def build_nms(header: Header) -> Suppressor:
+    """Gives the NMS that the header describes, for the cells of its network."""
+    from yolino.postprocess import NMS
+
+    arguments = {"directed": header.directed, **header.postprocess.get("nms", {})}
+    try:
+        return NMS(float(header.stride), **arguments)
+    except TypeError as error:
+        raise ValueError(f"The header's nms does not fit NMS: {error}.") from error
+
+
+def build_linker(header: Header) -> Linker:
+    """Gives the linker that the header describes, for the cells of its network."""
+    from yolino.postprocess import LINKERS
+
+    name = header.postprocess.get("linker", DEFAULT_LINKER)
+    if name not in LINKERS:
+        # A name is never imported from a model file: that would run code which its author chose.
+        raise ValueError(
+            f"The model's linker {name!r} is unknown; known are {', '.join(LINKERS)}. "
+            "Give your own to yolino.load(model, linker=...)."
+        )
+    try:
+        linker: Linker = LINKERS[name](float(header.stride), **header.postprocess.get("linker_options", {}))
+    except TypeError as error:
+        raise ValueError(f"The header's linker_options do not fit the linker {name!r}: {error}.") from error
+    return linker
+
+
+def model_path(model: Path | str) -> Path:
+    """Gives the file of a model: that of a packaged one ("default"), or the path given.
+
+    Raises:
+        ValueError: If `model` is neither the name of a packaged model nor looks like a model file.
+    """
+    path = Path(model)
+    folder = Path(str(resources.files("yolino"))) / "models"
+    names = sorted(file.stem for file in folder.glob("*.onnx"))
+    if str(model) in names:
+        return folder / f"{model}.onnx"
+    if path.suffix.lower() in ENGINES or path.is_file():
+        return path
+    allowed = "".join(f"{name!r} or " for name in names)
+    raise ValueError(
+        f"The model {str(model)!r} is unknown: give {allowed}the path of a file in {' or '.join(ENGINES)}."
+    )
+
+
+def load(
+    model: Path | str = "default",
+    *,
+    device: str = "auto",
+    threshold: float | None = None,
+    threads: int | None = None,
+    linker: Linker | None = None,
+) -> Predictor:
+    """Gives a predictor: `yolino.load()(image)` is a `Polylines`.
+
+    Args:
+        model: "default", or the path of an exported model (.onnx) or checkpoint (.safetensors, needs torch).
+        device: "auto", "cpu" or "cuda".
+        threshold: Lowest score of a segment; the model's own by default.
+        threads: Threads of the network on a processor; None lets the engine decide.
+        linker: Joins segments to polylines, in place of the model's own.
+
+    Raises:
+        FileNotFoundError: If the model file does not exist.
+        ValueError: If the model is unknown or no YOLinO model, or the device is unknown or not available.
+        ModuleNotFoundError: If a checkpoint is given and torch is not installed.
+    """
+    return Predictor(
+        open_engine(model_path(model), device=device, threads=threads), threshold=threshold, linker=linker
+    )
+
+
+__all__ = ["Predictor", "Stages", "build_linker", "build_nms", "load", "model_path"]

@@ -1,0 +1,136 @@
+"""Image -> input of the network, and the matrix that maps results back.
+
+The input is axis-aligned in the image, so a crop and one resize do what a general warp would, much faster.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from numpy.typing import NDArray
+
+from yolino.geometry import fit_matrix, transform_points
+from yolino.header import FITS
+from yolino.image import as_rgb
+from yolino.io import reduce_image
+
+# Where the network sees beyond the image: the gray in the middle of the colors that it normalizes with.
+FILL = 114
+_EXACT = 1e-6
+
+
+class Preprocess:
+    """Fits images of any size to the input of a network.
+
+    Args:
+        size: Input of the network in pixels, (height, width).
+        fit: "bottom" keeps the aspect ratio, fills the width and aligns the lower edges (a front view keeps
+            the road), "stretch" fills the input, "letterbox" keeps the aspect ratio and shows everything.
+
+    Raises:
+        ValueError: If `fit` is none of these or `size` is not positive.
+    """
+
+    def __init__(self, size: tuple[int, int], fit: str = "bottom") -> None:
+        if fit not in FITS:
+            raise ValueError(f"fit is {fit!r}, but must be one of {', '.join(FITS)}.")
+        if min(size) < 1:
+            raise ValueError(f"size is {size}, but (height, width) must be positive.")
+        self.size = size
+        self.fit = fit
+
+    def matrix(self, image_size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
+        """Gives the matrix from pixels of an image of `image_size` (height, width) to pixels of the input."""
+        return fit_matrix(image_size, self.size, self.fit)
+
+    def __call__(
+        self, image: NDArray[np.generic]
+    ) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "3 3"]]:
+        """Gives the input of the network, and the matrix from its pixels to pixels of the image.
+
+        Args:
+            image: RGB `(h, w, 3)` or gray `(h, w)`, uint8.
+
+        Raises:
+            ValueError: If the array is no such image; the message says what it is and what is allowed.
+        """
+        image = as_rgb(image)
+        matrix = self.matrix((image.shape[0], image.shape[1]))
+        if image.strides[2] < 0:  # `bgr[..., ::-1]`: turning the colors of the small result is cheaper
+            fitted = _fit(image[:, :, ::-1], matrix, self.size)[:, :, ::-1]
+        else:
+            fitted = _fit(image, matrix, self.size)
+        return fitted, np.linalg.inv(matrix)
+
+
+def _fit(
+    image: UInt8[np.ndarray, "h w 3"], matrix: Float[np.ndarray, "3 3"], size: tuple[int, int]
+) -> UInt8[np.ndarray, "nh nw 3"]:
+    """Gives the pixels of the input: what the axis-aligned `matrix` (image -> input) makes of `image`.
+
+    The part that is seen is halved as often as needed to skip no pixel, then resized or warped.
+    """
+    limits = np.array(image.shape[1::-1], np.float64), np.array(size[::-1], np.float64)
+    source = np.clip(transform_points(np.array([[0.0, 0.0], limits[1]]), np.linalg.inv(matrix)), 0, limits[0])
+    target = np.clip(transform_points(source, matrix), 0, limits[1])
+    (left, top), (right, bottom) = box = _whole_box(source)
+    scale = np.diag(matrix)[:2]
+    part, factor = image[top:bottom, left:right], 1
+    while (scale * factor).max() <= 0.5 + _EXACT:
+        part, factor = reduce_image(part, 2), 2 * factor
+    if _is_whole(source) and _is_whole(target) and not ((box[1] - box[0]) % factor).any():
+        fitted = _resize(part, target)
+    else:
+        fitted = _warp(part, scale * factor, matrix[:2, 2] + scale * box[0], size)
+    covered = np.all(target[0] <= _EXACT) and np.all(target[1] >= limits[1] - _EXACT)
+    return fitted if covered else _paste(fitted, target, size)
+
+
+def _whole_box(box: Float[np.ndarray, "2 2"]) -> Int[np.ndarray, "2 2"]:
+    return np.stack([np.floor(box[0] + _EXACT), np.ceil(box[1] - _EXACT)]).astype(np.int64)
+
+
+def _is_whole(box: Float[np.ndarray, "2 2"]) -> bool:
+    return bool((np.abs(box - box.round()) <= _EXACT).all())
+
+
+def _resize(
+    image: UInt8[np.ndarray, "h w 3"], target: Float[np.ndarray, "2 2"]
+) -> UInt8[np.ndarray, "th tw 3"]:
+    width, height = (target[1] - target[0]).round().astype(np.int64).tolist()
+    if (height, width) == image.shape[:2]:
+        return image
+    far = image.shape[0] >= 2 * height or image.shape[1] >= 2 * width
+    interpolation = cv2.INTER_AREA if far else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (width, height), interpolation=interpolation), np.uint8)
+
+
+def _warp(
+    image: UInt8[np.ndarray, "h w 3"],
+    scale: Float[np.ndarray, "xy=2"],
+    shift: Float[np.ndarray, "xy=2"],
+    size: tuple[int, int],
+) -> UInt8[np.ndarray, "nh nw 3"]:
+    """Gives the whole input; beyond the image its outermost pixels go on."""
+    matrix = np.column_stack(
+        [np.diag(scale), shift + 0.5 * scale - 0.5]
+    )  # OpenCV counts from the first center
+    warped = cv2.warpAffine(
+        image, matrix, size[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(warped, np.uint8)
+
+
+def _paste(
+    fitted: UInt8[np.ndarray, "h w 3"], target: Float[np.ndarray, "2 2"], size: tuple[int, int]
+) -> UInt8[np.ndarray, "nh nw 3"]:
+    """Gives the input with the image in the box `target` (pixels, rounded) and the fill color elsewhere."""
+    (left, top), (right, bottom) = target.round().astype(np.int64)
+    canvas = np.full((*size, 3), FILL, np.uint8)
+    part = fitted[top:bottom, left:right] if fitted.shape[:2] == size else fitted
+    canvas[top:bottom, left:right] = part
+    return canvas
+
+
+__all__ = ["FILL", "Preprocess"]

@@ -1,0 +1,109 @@
+"""Pictures that explain: what a metric counts, and many images on one sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy.typing import NDArray
+
+from yolino.image import as_rgb
+from yolino.viz.colors import FALSE_ALARM, HIT, MISS, OUTLINE, Color
+from yolino.viz.lines import Canvas, draw_points
+
+_BACKGROUND = (32, 32, 32)
+_TITLE: Color = (255, 255, 255)
+_GAP, _BAR = 4, 28
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+def draw_matches(
+    image: NDArray[np.generic],
+    *,
+    hits: Float[np.ndarray, "n 2"],
+    false_alarms: Float[np.ndarray, "m 2"],
+    misses: Float[np.ndarray, "k 2"],
+) -> Canvas:
+    """Gives the image with a metric's verdict on points: hits blue, false alarms orange, misses yellow.
+
+    Args:
+        image: RGB or gray pixels.
+        hits: Predicted points that count as true, in pixels of the image.
+        false_alarms: The other predicted points.
+        misses: Labelled points that no prediction found.
+    """
+    groups = (("missed", misses, MISS), ("false", false_alarms, FALSE_ALARM), ("hit", hits, HIT))
+    canvas = as_rgb(image)
+    for _, points, color in groups:
+        canvas = draw_points(canvas, points, color)
+    left, height = 0, max(16, round(float(np.sqrt(canvas.shape[0] * canvas.shape[1])) / 30))
+    for name, points, color in reversed(groups):
+        left += _draw_text(canvas, f"{name} {len(points)}", (left, 0), color, height)
+    return canvas
+
+
+def contact_sheet(
+    images: Sequence[NDArray[np.generic]],
+    titles: Sequence[str] = (),
+    *,
+    columns: int = 3,
+    tile: tuple[int, int] = (360, 640),
+) -> Canvas:
+    """Gives one image that shows all `images`, each shrunk or grown into its tile under its title.
+
+    Args:
+        images: At least one RGB or gray image, of any sizes.
+        titles: A title per image, or none.
+        columns: Tiles in a row.
+        tile: Size (height, width) of a tile in pixels without its title.
+
+    Raises:
+        ValueError: If there is no image, titles and images differ in number, or a size is not positive.
+    """
+    if len(images) == 0 or columns < 1 or min(tile) < 1:
+        raise ValueError(
+            "A contact sheet needs at least one image, one column and a tile of at least one pixel."
+        )
+    if titles and len(titles) != len(images):
+        raise ValueError(f"{len(titles)} titles are given for {len(images)} images; give one each, or none.")
+    columns, bar = min(columns, len(images)), _BAR if titles else 0
+    height, width = tile[0] + bar + _GAP, tile[1] + _GAP
+    size = (ceil(len(images) / columns) * height + _GAP, columns * width + _GAP, 3)
+    sheet = np.full(size, _BACKGROUND, np.uint8)
+    for i, image in enumerate(images):
+        top, left = _GAP + i // columns * height, _GAP + i % columns * width
+        if titles:
+            _draw_text(sheet[top : top + bar, left : left + tile[1]], titles[i], (0, 0), _TITLE, bar)
+        small = _fit_tile(as_rgb(image), tile)
+        y, x = top + bar + (tile[0] - small.shape[0]) // 2, left + (tile[1] - small.shape[1]) // 2
+        sheet[y : y + small.shape[0], x : x + small.shape[1]] = small
+    return sheet
+
+
+def _fit_tile(image: UInt8[np.ndarray, "h w 3"], tile: tuple[int, int]) -> UInt8[np.ndarray, "th tw 3"]:
+    scale = min(tile[0] / image.shape[0], tile[1] / image.shape[1])
+    size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, size, interpolation=interpolation), np.uint8)
+
+
+def _draw_text(canvas: Canvas, text: str, corner: tuple[int, int], color: Color, height: int) -> int:
+    """Writes a line on a dark box with the top left `corner` (x, y), cut to fit; gives its width."""
+    scale, margin = height / 44, height // 4
+    room = canvas.shape[1] - corner[0] - 2 * margin
+    shown = text
+    while shown and _text_width(shown, scale) > room:
+        text = text[1:]
+        shown = f"...{text}" if text else ""
+    width = _text_width(shown, scale) + 2 * margin
+    cv2.rectangle(canvas, corner, (corner[0] + width, corner[1] + height), OUTLINE, cv2.FILLED)
+    place = (corner[0] + margin, corner[1] + round(height * 0.7))
+    cv2.putText(canvas, shown, place, _FONT, scale, color, 1, cv2.LINE_AA)
+    return width
+
+
+def _text_width(text: str, scale: float) -> int:
+    return int(cv2.getTextSize(text, _FONT, scale, 1)[0][0])

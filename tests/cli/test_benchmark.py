@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from .conftest import Run
+
+
+def test_json_is_one_object_and_nothing_else(run: Run, model: Path) -> None:
+    code, out, err = run("benchmark", "--model", model, "--quick", "--only", "stages", "--json")
+    assert (code, err) == (0, "")
+    assert out.count("\n") == 1
+    assert list(json.loads(out)["sections"]) == ["stages"]
+
+
+def test_without_json_it_is_a_report(run: Run, model: Path) -> None:
+    code, out, _ = run("benchmark", "--model", model, "--quick", "--only", "discretize", "--repeats", "1")
+    assert code == 0
+    assert "discretize" in out
+    assert "QUICK" in out
+
+
+def test_an_unknown_section_is_told(run: Run) -> None:
+    code, out, err = run("benchmark", "--only", "everything")
+    assert (code, out) == (2, "")
+    assert "The section 'everything' of the benchmark is unknown; use one of stages" in err

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from .conftest import Run
+
+ROWS = list(range(160, 720, 10))
+
+
+@pytest.fixture
+def dataset(tmp_path: Path) -> Path:
+    """Two frames with the lanes that the tiny model sees; the second is labelled with classes."""
+    root = tmp_path / "data"
+    for name, extra in (("a", {}), ("b", {"classes": "3 3"})):
+        path = root / f"clips/{name}/20.png"
+        path.parent.mkdir(parents=True)
+        cv2.imwrite(str(path), np.full((720, 1280, 3), 200, np.uint8))
+        lanes = [[x] * len(ROWS) for x in (400, 880)]
+        record = {"raw_file": f"clips/{name}/20.png", "lanes": lanes, "h_samples": ROWS} | extra
+        (root / f"label_data_{name}.json").write_text(json.dumps(record) + "\n")
+    return root
+
+
+def test_json_is_one_object_and_nothing_else(run: Run, model: Path, dataset: Path) -> None:
+    code, out, err = run("evaluate", "--model", model, "--dataset", "tusimple", "--root", dataset, "--json")
+    assert (code, err) == (0, "")
+    assert out.count("\n") == 1
+    scores = json.loads(out)
+    assert {"accuracy", "fp", "fn", "precision", "recall", "f1", "images", "fps"} <= set(scores)
+    assert scores["images"] == 2
+    assert scores["accuracy"] > 0.95
+
+
+def test_labels_choose_files_and_save_writes_the_submission(run: Run, model: Path, dataset: Path) -> None:
+    arguments = ["--root", dataset, "--labels", "label_data_a.json", "--save", "scores"]
+    code, out, err = run("evaluate", "--model", model, *arguments)
+    assert (code, err) == (0, "")
+    assert "accuracy" in out
+    assert "Details are in scores" in out
+    records = Path("scores/predictions.json").read_text().splitlines()
+    assert [json.loads(record)["raw_file"] for record in records] == ["clips/a/20.png"]
+    assert Path("scores/worst.png").is_file()
+
+
+def test_synthetic_data_needs_no_root(run: Run, model: Path) -> None:
+    arguments = ["--dataset", "synthetic", "--option", "length=2", "--json"]
+    code, out, _ = run("evaluate", "--model", model, *arguments)
+    assert code == 0
+    assert json.loads(out)["images"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["--dataset", "tusimpel", "--root", "data"],
+            "The dataset 'tusimpel' is unknown; use tusimple or synthetic",
+        ),
+        ([], "The dataset 'tusimple' needs --root."),
+        (["--root", "nowhere"], "nowhere"),
+        (["--root", "data", "--labels", "none.json"], "none.json"),
+        (["--root", "data", "--option", "length"], "The option 'length' is not of the form key=value"),
+        (
+            ["--root", "data", "--option", "length=3"],
+            "The dataset 'tusimple' takes no length; it takes root, labels",
+        ),
+        (["--dataset", "synthetic", "--root", "data"], "The dataset 'synthetic' takes no root"),
+        (["--root", "data", "--model", "nothing.onnx"], "nothing.onnx does not exist"),
+    ],
+)
+def test_mistakes_are_told(run: Run, model: Path, dataset: Path, arguments: list[str], message: str) -> None:
+    if "--model" not in arguments:
+        arguments = [*arguments, "--model", str(model)]
+    code, out, err = run("evaluate", *arguments, "--json")
+    assert (code, out) == (2, "")
+    assert err.startswith("Error: ")
+    assert message in err
+    assert err.count("\n") == 1

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from yolino.datasets import TuSimple
+from yolino.evaluate import evaluate
+from yolino.inference import Predictor, load
+from yolino.io import read_image
+from yolino.metrics import score_files
+from yolino.types import Polylines, Sample
+
+ROWS = list(range(160, 720, 10))
+SEEN = [399.5, 879.5]
+"""Pixel columns in 1280x720 of the lines that the tiny model sees at x = 40 and 88 of 128."""
+
+
+@pytest.fixture
+def predictor(tiny_model: Path) -> Predictor:
+    return load(tiny_model)
+
+
+@pytest.fixture
+def write_dataset(tmp_path: Path) -> Callable[..., TuSimple]:
+    """Writes frames with vertical lanes at the given columns, and their labels."""
+
+    def write(*frames: list[float], black: tuple[int, ...] = (), classes: str | None = None) -> TuSimple:
+        records = []
+        for i, columns in enumerate(frames):
+            name = f"clips/{i}/20.png"
+            (tmp_path / name).parent.mkdir(parents=True)
+            cv2.imwrite(str(tmp_path / name), np.full((720, 1280, 3), 0 if i in black else 200, np.uint8))
+            record = {"raw_file": name, "lanes": [[x] * len(ROWS) for x in columns], "h_samples": ROWS}
+            records.append(record | ({"classes": classes} if classes else {}))
+        text = "".join(json.dumps(record) + "\n" for record in records)
+        (tmp_path / "label_data_test.json").write_text(text)
+        return TuSimple(tmp_path, classes=classes is not None)
+
+    return write
+
+
+def test_a_perfect_model_has_perfect_scores(
+    predictor: Predictor, write_dataset: Callable[..., TuSimple]
+) -> None:
+    scores = evaluate(predictor, write_dataset(SEEN, SEEN))
+    assert scores["accuracy"] == pytest.approx(1, abs=0.02)
+    assert scores["fp"] == scores["fn"] == 0
+    assert scores["images"] == 2
+    assert scores["recall"] > 0.95
+    assert scores["precision"] > 0.85  # the labels begin 70 px below the lines
+    assert scores["polyline_f1"] > 0.9
+    assert scores["fps"] == pytest.approx(1000 / scores["ms"])
+
+
+def test_misses_and_false_alarms_count(predictor: Predictor, write_dataset: Callable[..., TuSimple]) -> None:
+    """Frame 0: one of two lines is a lane. Frame 1 is black: nothing is seen, two lanes are missed."""
+    scores = evaluate(predictor, write_dataset(SEEN[:1], SEEN, black=(1,)))
+    assert scores["accuracy"] == pytest.approx(0.5, abs=0.02)
+    assert scores["fp"] == pytest.approx((0.5 + 0) / 2)
+    assert scores["fn"] == pytest.approx((0 + 1) / 2)
+    assert scores["recall"] == pytest.approx(1 / 3, abs=0.05)
+
+
+def test_the_submission_file_has_the_same_scores(
+    predictor: Predictor, write_dataset: Callable[..., TuSimple], tmp_path: Path
+) -> None:
+    dataset = write_dataset(SEEN[:1], SEEN, [10.0, 399.5])
+    scores = evaluate(predictor, dataset, save=tmp_path / "scores")
+    records = [
+        json.loads(line) for line in (tmp_path / "scores" / "predictions.json").read_text().splitlines()
+    ]
+    assert set(records[0]) == {"raw_file", "lanes", "h_samples", "run_time"}
+    assert all(record["run_time"] > 0 for record in records)
+    fast = tmp_path / "fast.json"  # this machine may be slower than the benchmark allows
+    fast.write_text("".join(json.dumps(record | {"run_time": 1}) + "\n" for record in records))
+    official = score_files(fast, tmp_path / "label_data_test.json")
+    for name in ("accuracy", "fp", "fn"):
+        assert scores[name] == pytest.approx(official[name])
+
+
+def test_a_slow_machine_is_a_warning_but_no_error_of_the_model(
+    predictor: Predictor,
+    write_dataset: Callable[..., TuSimple],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr("yolino.evaluate.TIME_LIMIT_MS", 0.0)
+    scores = evaluate(predictor, write_dataset(SEEN))
+    assert scores["accuracy"] > 0.95
+    assert "1 of 1 images took more than 0 ms" in caplog.text
+
+
+def test_pictures_of_the_worst_images_come_worst_first(
+    predictor: Predictor, write_dataset: Callable[..., TuSimple], tmp_path: Path
+) -> None:
+    dataset = write_dataset(SEEN, SEEN[:1], [20.0], SEEN)
+    evaluate(predictor, dataset, save=tmp_path / "scores", worst=2)
+    pictures = sorted(path.name for path in (tmp_path / "scores" / "worst").iterdir())
+    assert pictures == ["01-clips-2-20.png", "02-clips-1-20.png"]
+    assert read_image(tmp_path / "scores" / "worst" / pictures[0]).shape == (720, 1280, 3)
+    assert (tmp_path / "scores" / "worst.png").is_file()
+
+
+def test_nothing_is_written_unless_asked(
+    predictor: Predictor, write_dataset: Callable[..., TuSimple], tmp_path: Path
+) -> None:
+    dataset = write_dataset(SEEN)
+    before = set(tmp_path.rglob("*"))
+    evaluate(predictor, dataset)
+    assert set(tmp_path.rglob("*")) == before
+
+
+class InMemory:
+    """A dataset of samples."""
+
+    directed = True
+
+    def __init__(self, *samples: Sample, classes: tuple[str, ...] = ("line",)) -> None:
+        self.samples, self.classes = samples, classes
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, index: int, /) -> Sample:
+        return self.samples[index]
+
+
+def lines(*columns: float, labels: list[int] | None = None) -> Polylines:
+    return Polylines.from_list([[(x, 64.0), (x, 0.0)] for x in columns], labels=labels)
+
+
+WHITE = np.full((64, 128, 3), 255, np.uint8)
+
+
+def test_other_datasets_are_scored_at_rows_of_their_images(predictor: Predictor) -> None:
+    scores = evaluate(predictor, InMemory(Sample("a", WHITE, lines(40.0, 88.0))))
+    assert scores["accuracy"] > 0.95
+    assert scores["f1"] > 0.95
+
+
+def test_ignored_regions_leave_the_benchmark_out(predictor: Predictor) -> None:
+    region = np.array([[70.0, 0.0], [128, 0], [128, 64], [70, 64]])
+    scores = evaluate(predictor, InMemory(Sample("a", WHITE, lines(40.0), [region])))
+    assert "accuracy" not in scores
+    assert scores["precision"] > 0.95
+
+
+def test_classes_are_compared_by_name(class_model: Path) -> None:
+    """The model says that both are dashed; the dataset numbers its classes the other way round."""
+    names = ("dashed", "solid")
+    dataset = InMemory(Sample("a", WHITE, lines(40.0, 88.0, labels=[0, 1])), classes=names)
+    assert evaluate(load(class_model), dataset)["class_accuracy"] == pytest.approx(0.5, abs=0.05)
+    other = InMemory(Sample("a", WHITE, lines(40.0)), classes=("lane",))
+    assert "class_accuracy" not in evaluate(load(class_model), other)
+
+
+def test_direction_counts_unless_one_side_knows_none(predictor: Predictor) -> None:
+    down = Polylines.from_list([[(x, 0.0), (x, 64.0)] for x in (40.0, 88.0)])
+    dataset = InMemory(Sample("a", WHITE, down))
+    assert evaluate(predictor, dataset)["f1"] == 0
+    dataset.directed = False
+    assert evaluate(predictor, dataset)["f1"] > 0.95
+
+
+def test_an_empty_dataset_is_refused(predictor: Predictor) -> None:
+    with pytest.raises(ValueError, match="no samples"):
+        evaluate(predictor, InMemory())
+
+
+def test_a_damaged_image_is_named(
+    predictor: Predictor, write_dataset: Callable[..., TuSimple], tmp_path: Path
+) -> None:
+    dataset = write_dataset(SEEN, SEEN)
+    (tmp_path / "clips/1/20.png").write_bytes(b"x")
+    with pytest.raises(ValueError, match=r"clips/1/20\.png"):
+        evaluate(predictor, dataset)

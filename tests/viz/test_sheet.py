@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from yolino.viz import FALSE_ALARM, HIT, MISS, contact_sheet, draw_matches
+
+
+def plain(height: int, width: int, value: int) -> np.ndarray:
+    return np.full((height, width, 3), value, np.uint8)
+
+
+def test_images_stand_in_rows_in_their_proportions() -> None:
+    images = [plain(50, 100, 200), plain(100, 50, 150), plain(5, 10, 100)]
+    sheet = contact_sheet(images, columns=2, tile=(100, 200))
+    assert sheet.shape == (2 * 104 + 4, 2 * 204 + 4, 3)
+    assert (sheet[4:104, 4:204] == 200).all()
+    assert (sheet[4:104, 208 + 75 : 208 + 125] == 150).all()
+    assert (sheet[4:104, 208 : 208 + 75] != 150).all()
+    assert (sheet[108:208, 4:204] == 100).all()
+    assert (sheet[108:208, 208:408] == 32).all()
+
+
+def test_titles_stand_above_their_images() -> None:
+    images = [plain(20, 40, 200)] * 2
+    untitled = contact_sheet(images, tile=(20, 40))
+    titled = contact_sheet(images, ["a", "b" * 200], tile=(20, 40))
+    assert titled.shape == (untitled.shape[0] + 28, untitled.shape[1], 3)
+    assert titled.max() == 255
+    assert (titled[32:52, 4:44] == 200).all()
+    assert (titled[32:52, 48:88] == 200).all()
+
+
+def test_one_image_is_a_sheet() -> None:
+    assert contact_sheet([np.zeros((4, 4), np.uint8)], ["gray"], columns=5, tile=(8, 8)).shape == (44, 16, 3)
+
+
+def test_impossible_sheets_are_refused() -> None:
+    image = plain(4, 4, 0)
+    with pytest.raises(ValueError, match="at least one image"):
+        contact_sheet([])
+    with pytest.raises(ValueError, match="one column"):
+        contact_sheet([image], columns=0)
+    with pytest.raises(ValueError, match="at least one pixel"):
+        contact_sheet([image], tile=(0, 5))
+    with pytest.raises(ValueError, match="2 titles are given for 1 images"):
+        contact_sheet([image], ["a", "b"])
+
+
+def test_hits_false_alarms_and_misses_have_their_colors() -> None:
+    image = plain(400, 600, 90)
+    drawn = draw_matches(
+        image,
+        hits=np.array([[100.5, 200.5]]),
+        false_alarms=np.array([[300.5, 200.5]]),
+        misses=np.array([[500.5, 200.5]]),
+    )
+    assert tuple(drawn[200, 100]) == HIT
+    assert tuple(drawn[200, 300]) == FALSE_ALARM
+    assert tuple(drawn[200, 500]) == MISS
+    assert (image == 90).all()
+    nothing = draw_matches(
+        image, hits=np.zeros((0, 2)), false_alarms=np.zeros((0, 2)), misses=np.zeros((0, 2))
+    )
+    assert (nothing[100:] == 90).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (8, 2000), (2000, 8)])
+def test_the_key_fits_into_any_image(size: tuple[int, int]) -> None:
+    points = np.array([[0.5, 0.5]])
+    assert draw_matches(plain(*size, 0), hits=points, false_alarms=points, misses=points).shape == (*size, 3)
