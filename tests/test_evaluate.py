@@ -53,7 +53,7 @@ def test_a_perfect_model_has_perfect_scores(
     assert scores["images"] == 2
     assert scores["recall"] > 0.95
     assert scores["precision"] > 0.85  # the labels begin 70 px below the lines
-    assert scores["polyline_f1"] > 0.9
+    assert scores["segment_f1"] > 0.9
     assert scores["fps"] == pytest.approx(1000 / scores["ms"])
 
 

@@ -39,9 +39,10 @@ def evaluate(
 ) -> dict[str, float]:
     """Gives the scores of a model on a dataset.
 
-    Precision, recall and F1 are the paper's, over the segments that the NMS leaves; those that begin with
-    `polyline_` are the same over the polylines. Accuracy, FP and FN are those of the TuSimple benchmark; for
-    other datasets they are computed alike at rows of their images, and left out if there are ignored regions.
+    Precision, recall and F1 are the paper's point metric over the polylines, which are the result; those that
+    begin with `segment_` are the same over the segments that the NMS leaves, as the paper reports them.
+    Accuracy, FP and FN are those of the TuSimple benchmark; for other datasets they are computed alike at rows
+    of their images, and left out if there are ignored regions.
     An image that takes more than 200 ms is wrong by the benchmark's rules; here that is a warning, as it says
     more about the machine than about the model.
 
@@ -54,8 +55,8 @@ def evaluate(
         progress: Wraps the indices that are looped over, to show a progress bar.
 
     Returns:
-        `accuracy`, `fp`, `fn`, `precision`, `recall`, `f1`, `polyline_precision`, `polyline_recall`,
-        `polyline_f1`, `class_accuracy` (model and dataset with the same classes), `images`, `fps` and
+        `accuracy`, `fp`, `fn`, `precision`, `recall`, `f1`, `segment_precision`, `segment_recall`,
+        `segment_f1`, `class_accuracy` (model and dataset with the same classes), `images`, `fps` and
         `ms` (median time from image array to polylines).
 
     Raises:
@@ -134,8 +135,8 @@ class _Scores:
         if not self.ignored:
             official = self.tusimple.compute()
             scores |= {name: official[name] for name in ("accuracy", "fp", "fn")}
-        scores |= self.segments.compute()
-        scores |= {f"polyline_{name}": value for name, value in self.polylines.compute().items()}
+        scores |= self.polylines.compute()
+        scores |= {f"segment_{name}": value for name, value in self.segments.compute().items()}
         if self.classes is not None:
             scores |= self.classes.compute()
         typical = median(self.milliseconds)

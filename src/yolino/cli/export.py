@@ -33,7 +33,9 @@ def export(
     changes: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="Value of the header to change, e.g. postprocess.threshold=0.3."
+            "--set",
+            metavar="KEY=VALUE",
+            help="Value of the header to change, e.g. postprocess.threshold=0.3.",
         ),
     ] = None,
 ) -> None:

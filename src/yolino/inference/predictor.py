@@ -173,8 +173,9 @@ def build_linker(header: Header) -> Linker:
             f"The model's linker {name!r} is unknown; known are {', '.join(LINKERS)}. "
             "Give your own to yolino.load(model, linker=...)."
         )
+    arguments = {"directed": header.directed, **header.postprocess.get("linker_options", {})}
     try:
-        linker: Linker = LINKERS[name](float(header.stride), **header.postprocess.get("linker_options", {}))
+        linker: Linker = LINKERS[name](float(header.stride), **arguments)
     except TypeError as error:
         raise ValueError(f"The header's linker_options do not fit the linker {name!r}: {error}.") from error
     return linker

@@ -1,0 +1,1 @@
+"""What the benchmark compares with: the same, as a competent programmer writes it with other means."""

@@ -1,0 +1,64 @@
+"""What the benchmark ran on."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from yolino.benchmark.clock import usable_cores
+
+_PACKAGES = (
+    "yolino",
+    "numpy",
+    "scipy",
+    "numba",
+    "onnxruntime",
+    "onnxruntime-gpu",
+    "opencv-python-headless",
+    "opencv-python",
+    "torch",
+    "torchvision",
+    "scikit-learn",
+    "pillow",
+)
+
+
+def describe_machine(threads: int) -> dict[str, Any]:
+    """Gives processor, cores, threads, system, load and versions, as JSON has them.
+
+    Args:
+        threads: Threads that the network, OpenCV and torch may use.
+    """
+    return {
+        "cpu": _cpu_name(),
+        "cores": usable_cores(),
+        "threads": threads,
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "python": platform.python_version(),
+        "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
+        "versions": _versions(),
+    }
+
+
+def _cpu_name() -> str:
+    info = Path("/proc/cpuinfo")
+    if sys.platform == "linux" and info.is_file():
+        for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
+            key, _, value = line.partition(":")
+            if key.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
+def _versions() -> dict[str, str]:
+    installed = {
+        d.metadata["Name"].lower(): d.version for d in metadata.distributions() if d.metadata["Name"]
+    }
+    return {name: installed[name] for name in _PACKAGES if name in installed}
+
+
+__all__ = ["describe_machine"]

@@ -1,0 +1,92 @@
+"""What every section of the benchmark starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from yolino.datasets.synthetic import Synthetic
+from yolino.inference import Predictor, load
+from yolino.inference.predictor import model_path
+from yolino.io import read_image, write_image
+
+FRAME_SIZE = (720, 1280)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How to measure, and the input that sections share.
+
+    Attributes:
+        folder: Where files may be written meanwhile.
+        model: "default" or a model file.
+        device: "auto", "cpu" or "cuda".
+        threads: Threads of the network, OpenCV and torch.
+        repeats: Largest number of rounds of a race.
+        seconds: Time after which a race starts no further round.
+        quick: Whether to take tiny inputs, to see that everything runs; the numbers mean nothing then.
+        image: The frame's file; a drawn road of 720x1280 if None.
+    """
+
+    folder: Path
+    model: str = "default"
+    device: str = "auto"
+    threads: int = 1
+    repeats: int = 30
+    seconds: float = 10.0
+    quick: bool = False
+    image: Path | None = None
+
+    @property
+    def pace(self) -> dict[str, Any]:
+        """The arguments of a race."""
+        return {"rounds": self.repeats, "seconds": self.seconds}
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """Random numbers that are the same in each section and each run."""
+        return np.random.default_rng(0)
+
+    @cached_property
+    def predictor(self) -> Predictor:
+        """The model, with its post-processing."""
+        predictor = load(self.model, device=self.device, threads=self.threads)
+        predictor.warm_up()
+        return predictor
+
+    @cached_property
+    def frame(self) -> UInt8[np.ndarray, "h w 3"]:
+        """RGB pixels of the frame."""
+        if self.image is not None:
+            return read_image(self.image)
+        drawn = Synthetic(kind="road", length=1, seed=3, size=FRAME_SIZE)[0].image
+        assert isinstance(drawn, np.ndarray)
+        return drawn
+
+    @cached_property
+    def jpeg(self) -> Path:
+        """The frame as a JPEG file."""
+        path = self.folder / "frame.jpg"
+        write_image(path, self.frame)
+        return path
+
+    def describe_model(self) -> dict[str, Any]:
+        """Gives name, file and shape of the model, as JSON has them."""
+        path, header = model_path(self.model), self.predictor.header
+        return {
+            "name": header.name,
+            "file": path.name,
+            "megabytes": round(path.stat().st_size / 1e6, 2),
+            "size": list(header.size),
+            "stride": header.stride,
+            "predictors": header.predictors,
+            "device": str(getattr(self.predictor.engine, "device", self.device)),
+        }
+
+
+__all__ = ["FRAME_SIZE", "Setup"]

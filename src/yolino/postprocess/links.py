@@ -1,0 +1,195 @@
+"""Who continues whom: mutual-best links between the ends of segments or chains, compiled.
+
+Item i has two nodes, its start `2 i` and its end `2 i + 1`; `node ^ 1` is the other end of the same item. A
+node is a row `x, y, u_x, u_y, reach`: where the end lies, the unit direction that leads out of the item
+there, and how far behind the end the item's middle lies. All lengths are in cell units.
+"""
+
+from __future__ import annotations
+
+from typing import no_type_check
+
+import numpy as np
+from numba import njit
+
+from yolino.postprocess.cells import sort_points, windows
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def canonical_order(endpoints, scores, labels):
+    """Gives the order that sorts segments by all that they are: nothing depends on how they came in."""
+    n = len(endpoints)
+    order, other = np.arange(n), np.empty(n, np.int64)
+    width = 1
+    while width < n:
+        for start in range(0, n, 2 * width):
+            left, middle = start, min(start + width, n)
+            right, stop = middle, min(start + 2 * width, n)
+            for at in range(start, stop):
+                if right == stop or (
+                    left < middle and not _precedes(endpoints, scores, labels, order[right], order[left])
+                ):
+                    other[at] = order[left]
+                    left += 1
+                else:
+                    other[at] = order[right]
+                    right += 1
+        order, other = other, order
+        width *= 2
+    return order
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _precedes(endpoints, scores, labels, i, j):
+    for e in range(2):
+        for k in range(2):
+            if endpoints[i, e, k] != endpoints[j, e, k]:
+                return endpoints[i, e, k] < endpoints[j, e, k]
+    if scores[i] != scores[j]:
+        return scores[i] < scores[j]
+    return labels[i] < labels[j]
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def segment_nodes(endpoints):
+    """Gives the two nodes of each segment, in the unit of its end points."""
+    nodes = np.empty((2 * len(endpoints), 5))
+    for i in range(len(endpoints)):
+        dx, dy = endpoints[i, 1, 0] - endpoints[i, 0, 0], endpoints[i, 1, 1] - endpoints[i, 0, 1]
+        length = np.sqrt(dx * dx + dy * dy)
+        scale = 1 / length if length > 0 else 0.0
+        for end in range(2):
+            way = scale if end else -scale
+            nodes[2 * i + end, 0], nodes[2 * i + end, 1] = endpoints[i, end, 0], endpoints[i, end, 1]
+            nodes[2 * i + end, 2], nodes[2 * i + end, 3] = way * dx, way * dy
+            nodes[2 * i + end, 4] = length / 2
+    return nodes
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def match_nodes(nodes, directed, rule):
+    """Gives the partner of each node, -1 for none, and the cost of that link.
+
+    Of all links that the rule allows the cheapest is made first, then the cheapest between the nodes still
+    free, and so on: every link is the best of both its nodes among what is left. Directed links lead from
+    an end to a start.
+    """
+    partners, costs = np.full(len(nodes), -1, np.int64), np.full(len(nodes), np.inf)
+    if len(nodes) == 0:
+        return partners, costs
+    _, order, keys, columns = sort_points(nodes[:, :2], rule[0])
+    best, least = np.empty(len(nodes), np.int64), np.empty(len(nodes))
+    while len(order):
+        best[order], least[order] = -1, np.inf
+        runs = windows(keys, columns)
+        for p in range(len(order)):
+            a = order[p]
+            for half in range(2):
+                for q in range(runs[p, half, 0], runs[p, half, 1]):
+                    b = order[q]
+                    if directed and not (a ^ b) & 1:
+                        continue
+                    cost = _link_cost(nodes, a, b, rule)
+                    if cost < np.inf:
+                        _prefer(best, least, a, b, cost)
+                        _prefer(best, least, b, a, cost)
+        open_ = np.zeros(len(order), np.bool_)
+        made = False
+        for p in range(len(order)):
+            a, b = order[p], best[order[p]]
+            if b >= 0 and best[b] == a:
+                partners[a], costs[a] = b, least[a]
+                made = True
+            else:
+                open_[p] = b >= 0
+        if not made:
+            break
+        order, keys = order[open_], keys[open_]
+    return partners, costs
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
+def _prefer(best, least, a, b, cost):
+    """Notes b as the best partner of a if it is; of equal costs the nodes decide, the same way for both."""
+    old = best[a]
+    if cost < least[a] or (cost == least[a] and (min(a, b), max(a, b)) < (min(a, old), max(a, old))):
+        best[a], least[a] = b, cost
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
+def _link_cost(nodes, a, b, rule):
+    """Gives how badly node b continues node a, infinity if not at all.
+
+    The rule is: how far apart the ends may be; the least cosine of the turn; how far the ends may run past
+    each other; how far either may lie beside the other's line, and that per cell of the gap; the weights of
+    that distance and of the turn (1 - cosine) beside the gap along the line; and the largest gap by the
+    larger reach.
+    """
+    radius, straight, overlap, beside, slope, lateral_weight, turn_weight, stretch = rule
+    gx, gy = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1]
+    gap = gx * gx + gy * gy
+    if gap > radius * radius or a ^ b == 1:
+        return np.inf
+    ax, ay, bx, by = nodes[a, 2], nodes[a, 3], nodes[b, 2], nodes[b, 3]
+    cosine = -(ax * bx + ay * by)
+    if cosine < straight:
+        return np.inf
+    gap = np.sqrt(gap)
+    if gap > stretch * max(nodes[a, 4], nodes[b, 4]):
+        return np.inf
+    tx, ty = ax - bx, ay - by
+    norm = np.sqrt(tx * tx + ty * ty)
+    along = (gx * tx + gy * ty) / norm
+    ahead = along + (nodes[a, 4] * (ax * tx + ay * ty) - nodes[b, 4] * (bx * tx + by * ty)) / norm
+    if along < -overlap or ahead <= 0:
+        return np.inf
+    lateral = max(abs(gx * ay - gy * ax), abs(gx * by - gy * bx))
+    if lateral > beside + slope * gap:
+        return np.inf
+    return abs(along) + lateral_weight * lateral + turn_weight * (1 - cosine)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def trace_chains(partners, costs, directed):
+    """Gives the chains that links make of items.
+
+    That is: the items in order, whether each is walked backwards, where each chain begins (and the last
+    ends), and whether it is a ring. A ring is opened at its most expensive link.
+    """
+    n = len(partners) // 2
+    items, flips = np.empty(n, np.int64), np.zeros(n, np.bool_)
+    offsets, closed = np.zeros(n + 1, np.int64), np.zeros(n, np.bool_)
+    done = np.zeros(n, np.bool_)
+    filled = count = 0
+    for ring in range(2):
+        for first in range(0, 2 * n, 2 if directed or ring else 1):
+            if done[first >> 1] or (ring == 0 and partners[first] >= 0):
+                continue
+            node = _weakest(partners, costs, first) if ring else first
+            while node >= 0 and not done[node >> 1]:
+                items[filled], flips[filled] = node >> 1, node & 1 == 1
+                done[node >> 1] = True
+                filled += 1
+                node = partners[node ^ 1]
+            count += 1
+            offsets[count], closed[count - 1] = filled, ring == 1
+    return items, flips, offsets[: count + 1], closed[:count]
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _weakest(partners, costs, first):
+    """Gives the node that the most expensive link of a ring leads to."""
+    weakest, node = first, partners[first ^ 1]
+    while node != first:
+        if costs[node] > costs[weakest]:
+            weakest = node
+        node = partners[node ^ 1]
+    return weakest
