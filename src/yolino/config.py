@@ -133,13 +133,13 @@ class Postprocess(Section):
     """Threshold, NMS and linker that the trained model carries.
 
     Attributes:
-        threshold: Smallest score of a segment.
+        threshold: Smallest score of a segment; none takes the one with the best F1 in validation.
         nms: Arguments of `NMS`.
         linker: Name in `LINKERS`, or `my_package.module:MyLinker`.
         linker_options: Arguments of the linker.
     """
 
-    threshold: float = Field(0.5, ge=0, le=1)
+    threshold: float | None = Field(None, ge=0, le=1)
     nms: dict[str, Any] = Field(default_factory=dict)
     linker: str = "chain"
     linker_options: dict[str, Any] = Field(default_factory=dict)

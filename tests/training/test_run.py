@@ -119,6 +119,8 @@ class TestRuns:
         assert (header.licence, header.data, header.name) == ("CC0", "shapes", "tiny")
         assert {"f1", "precision", "recall", "threshold", "step"} <= set(header.metrics)
         assert header.postprocess["threshold"] == header.metrics["threshold"]
+        run(config, tmp_path / "fixed", "postprocess.threshold=0.35")
+        assert load_checkpoint(tmp_path / "fixed" / "tiny" / "best.safetensors")[1].postprocess["threshold"] == 0.35
         assert set(load_file(tmp_path / "tiny" / "best.safetensors"))
         rows = list(csv.DictReader((tmp_path / "tiny" / "csv" / "metrics.csv").open()))
         assert any(row["val/f1"] for row in rows)

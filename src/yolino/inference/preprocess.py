@@ -5,6 +5,9 @@ The input is axis-aligned in the image, so a crop and one resize do what a gener
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -56,35 +59,64 @@ class Preprocess:
             ValueError: If the array is no such image; the message says what it is and what is allowed.
         """
         image = as_rgb(image)
-        matrix = self.matrix((image.shape[0], image.shape[1]))
+        plan = _plan((image.shape[0], image.shape[1]), self.size, self.fit)
         if image.strides[2] < 0:  # `bgr[..., ::-1]`: turning the colors of the small result is cheaper
-            fitted = _fit(image[:, :, ::-1], matrix, self.size)[:, :, ::-1]
+            fitted = _fit(image[:, :, ::-1], plan, self.size)[:, :, ::-1]
         else:
-            fitted = _fit(image, matrix, self.size)
-        return fitted, np.linalg.inv(matrix)
+            fitted = _fit(image, plan, self.size)
+        return fitted, plan.backward.copy()
+
+
+class _Plan(NamedTuple):
+    """How images of one size become the input.
+
+    Attributes:
+        backward: Matrix from pixels of the input to pixels of the image.
+        box: Part of the image that is seen, whole pixels `((left, top), (right, bottom))`.
+        factor: By how much that part is reduced first, so that no pixel is skipped.
+        target: Where it goes in the input, `((left, top), (right, bottom))`.
+        resized: Whether one resize does the rest; else it is warped.
+        covered: Whether it fills the input.
+        scale: Of the warp, along x and y.
+        shift: Of the warp, in pixels of the input.
+    """
+
+    backward: Float[np.ndarray, "3 3"]
+    box: Int[np.ndarray, "2 2"]
+    factor: int
+    target: Float[np.ndarray, "2 2"]
+    resized: bool
+    covered: bool
+    scale: Float[np.ndarray, "xy=2"]
+    shift: Float[np.ndarray, "xy=2"]
+
+
+@lru_cache(maxsize=64)  # the frames of a camera have one size: planning anew costs as much as the resize
+def _plan(image_size: tuple[int, int], size: tuple[int, int], fit: str) -> _Plan:
+    matrix = fit_matrix(image_size, size, fit)
+    backward = np.linalg.inv(matrix)
+    limits = np.array(image_size[::-1], np.float64), np.array(size[::-1], np.float64)
+    source = np.clip(transform_points(np.array([[0.0, 0.0], limits[1]]), backward), 0, limits[0])
+    target = np.clip(transform_points(source, matrix), 0, limits[1])
+    box, scale, factor = _whole_box(source), np.diag(matrix)[:2].copy(), 1
+    while (scale * factor).max() <= 0.5 + _EXACT:
+        factor *= 2
+    resized = _is_whole(source) and _is_whole(target) and not ((box[1] - box[0]) % factor).any()
+    covered = bool(np.all(target[0] <= _EXACT) and np.all(target[1] >= limits[1] - _EXACT))
+    shift = matrix[:2, 2] + scale * box[0]
+    return _Plan(backward, box, factor, target, resized, covered, scale * factor, shift)
 
 
 def _fit(
-    image: UInt8[np.ndarray, "h w 3"], matrix: Float[np.ndarray, "3 3"], size: tuple[int, int]
+    image: UInt8[np.ndarray, "h w 3"], plan: _Plan, size: tuple[int, int]
 ) -> UInt8[np.ndarray, "nh nw 3"]:
-    """Gives the pixels of the input: what the axis-aligned `matrix` (image -> input) makes of `image`.
-
-    The part that is seen is halved as often as needed to skip no pixel, then resized or warped.
-    """
-    limits = np.array(image.shape[1::-1], np.float64), np.array(size[::-1], np.float64)
-    source = np.clip(transform_points(np.array([[0.0, 0.0], limits[1]]), np.linalg.inv(matrix)), 0, limits[0])
-    target = np.clip(transform_points(source, matrix), 0, limits[1])
-    (left, top), (right, bottom) = box = _whole_box(source)
-    scale = np.diag(matrix)[:2]
-    part, factor = image[top:bottom, left:right], 1
-    while (scale * factor).max() <= 0.5 + _EXACT:
-        part, factor = reduce_image(part, 2), 2 * factor
-    if _is_whole(source) and _is_whole(target) and not ((box[1] - box[0]) % factor).any():
-        fitted = _resize(part, target)
-    else:
-        fitted = _warp(part, scale * factor, matrix[:2, 2] + scale * box[0], size)
-    covered = np.all(target[0] <= _EXACT) and np.all(target[1] >= limits[1] - _EXACT)
-    return fitted if covered else _paste(fitted, target, size)
+    """Gives the pixels of the input: the part that is seen, reduced, then resized or warped."""
+    (left, top), (right, bottom) = plan.box
+    part = image[top:bottom, left:right]
+    if plan.factor > 1:
+        part = reduce_image(part, plan.factor)
+    fitted = _resize(part, plan.target) if plan.resized else _warp(part, plan.scale, plan.shift, size)
+    return fitted if plan.covered else _paste(fitted, plan.target, size)
 
 
 def _whole_box(box: Float[np.ndarray, "2 2"]) -> Int[np.ndarray, "2 2"]:

@@ -110,10 +110,10 @@ def moving_average(decay: float) -> Callable[[Tensor, Tensor, Tensor | int], Ten
 
 
 def build_header(experiment: Experiment, metrics: Mapping[str, float]) -> Header:
-    """Gives the header of the model that an experiment trains, with the threshold best in validation."""
+    """Gives the header of the model that an experiment trains."""
     data, model = experiment.data, experiment.model
     postprocess = experiment.postprocess.model_dump()
-    if "threshold" in metrics:
+    if postprocess["threshold"] is None:
         postprocess["threshold"] = metrics["threshold"]
     return Header(
         version=version("yolino"),

@@ -158,7 +158,7 @@ def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool =
     assert isinstance(val_loader.dataset, Examples)
     _claim(folder, experiment)
     callbacks = [
-        Pictures(val_loader.dataset, experiment.postprocess.threshold),
+        Pictures(val_loader.dataset, experiment.postprocess.threshold or 0.5),
         KeepBest(experiment, folder),
     ]
     trainer: Trainer = build_trainer(
