@@ -135,7 +135,7 @@ class Postprocess(Section):
     Attributes:
         threshold: Smallest score of a segment; none takes the one with the best F1 in validation.
         nms: Arguments of `NMS`.
-        linker: Name in `LINKERS`, or `my_package.module:MyLinker`.
+        linker: Name in `LINKERS`.
         linker_options: Arguments of the linker.
     """
 

@@ -41,10 +41,9 @@ def evaluate(
 
     Precision, recall and F1 are the paper's point metric over the polylines, which are the result; those that
     begin with `segment_` are the same over the segments that the NMS leaves, as the paper reports them.
-    Accuracy, FP and FN are those of the TuSimple benchmark; for other datasets they are computed alike at rows
-    of their images, and left out if there are ignored regions.
-    An image that takes more than 200 ms is wrong by the benchmark's rules; here that is a warning, as it says
-    more about the machine than about the model.
+    Accuracy, FP and FN are those of the TuSimple benchmark; for other datasets they are alike, at rows
+    of their images, and left out if there are ignored regions. An image that takes more than 200 ms is wrong
+    by the benchmark's rules; here that is a warning, as it says more about the machine than about the model.
 
     Args:
         predictor: The model.

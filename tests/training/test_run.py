@@ -120,7 +120,10 @@ class TestRuns:
         assert {"f1", "precision", "recall", "threshold", "step"} <= set(header.metrics)
         assert header.postprocess["threshold"] == header.metrics["threshold"]
         run(config, tmp_path / "fixed", "postprocess.threshold=0.35")
-        assert load_checkpoint(tmp_path / "fixed" / "tiny" / "best.safetensors")[1].postprocess["threshold"] == 0.35
+        assert (
+            load_checkpoint(tmp_path / "fixed" / "tiny" / "best.safetensors")[1].postprocess["threshold"]
+            == 0.35
+        )
         assert set(load_file(tmp_path / "tiny" / "best.safetensors"))
         rows = list(csv.DictReader((tmp_path / "tiny" / "csv" / "metrics.csv").open()))
         assert any(row["val/f1"] for row in rows)
@@ -203,7 +206,7 @@ def test_no_epoch_and_no_process_repeats_examples():
     seen = []
     for epoch in range(3):
         for rank in range(2):
-            seen += list(EndlessSampler(4, lambda consumed=4 * epoch: consumed, rank=rank, world_size=2))
+            seen += list(EndlessSampler(4, lambda place=(4 * epoch, rank, 2): place))
     assert sorted(seen) == list(range(24))
 
 

@@ -45,7 +45,7 @@ def predict(
 ) -> None:
     """Find the polylines in images; write a JSON file and a picture for each."""
     from yolino.cli.results import Found, ResultWriter, UnreadableError, predict_one, rows, summary
-    from yolino.cli.screen import print_table, report_problems, track
+    from yolino.cli.screen import busy, print_table, report_problems, track
     from yolino.cli.sources import find_images, result_names
     from yolino.inference import load
 
@@ -53,10 +53,11 @@ def predict(
     paths, problems = find_images(sources, excluded=out)
     names = result_names(paths)
     writer.refuse_overwriting(paths, names)
-    predictor = load(model, device=device, threshold=threshold)
+    with busy("loading the model (once after an installation, kernels are compiled: up to a minute)"):
+        predictor = load(model, device=device, threshold=threshold)
+        predictor.warm_up()
     found: list[Found] = []
     with report_problems(problems):
-        predictor.warm_up()
         for path, name in track(list(zip(paths, names, strict=True)), "predicting"):
             try:
                 found.append(predict_one(predictor, path, name, writer))

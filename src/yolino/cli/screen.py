@@ -29,6 +29,17 @@ def track(items: Sequence[T], title: str) -> Iterator[T]:
         yield from progress.track(items)
 
 
+@contextlib.contextmanager
+def busy(what: str) -> Iterator[None]:
+    """Says on stderr what takes its time, as long as it does and if somebody watches."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    with console.status(what):
+        yield
+
+
 def print_table(header: Sequence[str], rows: Iterable[Sequence[object]], *, title: str | None = None) -> None:
     """Prints rows on stdout: first column to the left, the others to the right; very many are cut short."""
     every = list(rows)
@@ -57,4 +68,4 @@ def report_problems(problems: Sequence[str]) -> Iterator[None]:
         raise typer.Exit(MISTAKE)
 
 
-__all__ = ["FEW", "MISTAKE", "SHOWN_ROWS", "print_table", "report_problems", "track"]
+__all__ = ["FEW", "MISTAKE", "SHOWN_ROWS", "busy", "print_table", "report_problems", "track"]

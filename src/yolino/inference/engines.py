@@ -171,8 +171,8 @@ def _provider(device: str, available: list[str]) -> str:
 def _open_session(runtime: ModuleType, path: Path, provider: str, threads: int | None) -> Any:
     options = runtime.SessionOptions()
     options.log_severity_level = 3
-    # Threads that wait by spinning take the cores that the steps around the network need. Measured on two cores:
-    # without, an image takes 1 % longer on an idle machine and half as long on a busy one.
+    # Threads that wait by spinning take the cores that other steps need. Without, measured on
+    # two cores, an image takes 1 % longer on an idle machine and half as long on a busy one.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     if threads is not None:
         options.intra_op_num_threads = threads

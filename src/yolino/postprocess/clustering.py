@@ -127,7 +127,7 @@ def _join_points(space, order, cells, parents):
         for half in range(2):
             q, last = (p + 1, keys[p] + 1) if half == 0 else (start, keys[p] + columns + 1)
             while q < n and keys[q] <= last:
-                if parents[order[q]] != root and near(rows, p, q, limit):
+                if near(rows, p, q, limit) & (parents[order[q]] != root):
                     root = _join(parents, root, order[q])
                 q += 1
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yolino.types import Segments
-
-_Number = TypeVar("_Number", np.float64, np.int64)
 
 
 class SegmentArrays(NamedTuple):
@@ -39,7 +37,7 @@ def segment_arrays(segments: Segments) -> SegmentArrays:
     )
 
 
-def _plain(array: NDArray[_Number]) -> NDArray[_Number]:
+def _plain(array: NDArray[Any]) -> NDArray[Any]:
     flags = array.flags
     return array if flags.c_contiguous and flags.writeable else array.copy("C")
 

@@ -64,14 +64,14 @@ def _power(base, exponent):
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def suppress(segments, scales, settings):
+def suppress(endpoints, scores, labels, probabilities, settings):
     """Gives the same of the merged segments, and whether labels of one cluster differ.
 
-    Segments are endpoints, scores, labels and probabilities; without columns there are none of these.
+    Probabilities without columns mean that there are none. The settings are the scales of the coordinates,
+    epsilon, min_samples, score_power, weighted, directed, and whether singletons are kept.
     """
-    endpoints, scores, labels, probabilities = segments
-    epsilon, min_samples, weighted, power, directed, keep = settings
-    measures, points = measure(endpoints, scales, directed)
+    midpoint, length, direction, epsilon, min_samples, power, weighted, directed, keep = settings
+    measures, points = measure(endpoints, (midpoint, length, direction), directed)
     _check(points, scores, epsilon)
     weights = powers(scores, power) if weighted else np.empty(0)
     groups, count = cluster(points, epsilon, min_samples, weights)
@@ -106,20 +106,17 @@ def suppress(segments, scales, settings):
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def _check(points, scores, epsilon):
-    total = 0.0
-    least = most = points[0, 0]
-    lowest = 0.0
+    total = lowest = 0.0
     for i in range(len(points)):
-        total += points[i, 0] + points[i, 1] + points[i, 2] + scores[i]
+        total += abs(points[i, 0]) + abs(points[i, 1]) + points[i, 2] + scores[i]
         lowest = min(lowest, scores[i])
-        least, most = min(least, points[i, 0], points[i, 1]), max(most, points[i, 0], points[i, 1])
     if not np.isfinite(total):
         raise ValueError("endpoints or scores hold NaN or infinity; drop those segments first.")
     if lowest < 0:
         raise ValueError("scores must be at least 0; drop the other segments first.")
-    if most - least > MAX_SPREAD * epsilon:
+    if total > MAX_SPREAD * epsilon:
         raise ValueError(
-            "endpoints lie more than 2^50 radii apart; drop the far ones or choose a larger epsilon."
+            "endpoints lie more than 2^50 radii apart; choose a larger epsilon, or drop the far ones."
         )
 
 

@@ -92,7 +92,7 @@ class NMS:
         midpoint_weight: float = 0.1,
         length_weight: float = 0.013,
         direction_weight: float = 0.05,
-        score_power: float = 10,
+        score_power: float = 10.0,
     ) -> None:
         for name, value in (("cell_size", cell_size), ("epsilon", epsilon), ("min_samples", min_samples)):
             if not (np.isfinite(value) and value > 0):
@@ -103,32 +103,25 @@ class NMS:
                 f"The weights and score_power are {scales}, but finite numbers from 0 on are needed."
             )
         self._scales = _scales(cell_size, midpoint_weight, length_weight, direction_weight, directed)
-        # epsilon, min_samples, weighted, power, directed, keep
-        self._settings = (
-            float(epsilon),
-            int(min_samples),
-            bool(weighted),
-            float(score_power),
-            bool(directed),
-            bool(keep_singletons),
-        )
+        numbers = (float(epsilon), int(min_samples), float(score_power))
+        self._settings = (*self._scales, *numbers, bool(weighted), bool(directed), bool(keep_singletons))
 
     def __call__(self, segments: Segments) -> Segments:
         """Gives the merged segments, in the pixels of `segments`."""
         if len(segments) == 0:
             return segments
         arrays = segment_arrays(segments)
-        endpoints, scores, labels, odds, voted = suppress(arrays, self._scales, self._settings)
+        endpoints, scores, labels, odds, voted = suppress(*arrays, self._settings)
         if segments.probabilities is not None:
             return Segments(endpoints, scores, labels, odds)
         if voted:
             names, votes = class_votes(arrays.labels, arrays.probabilities)
-            labels = names[suppress(arrays._replace(probabilities=votes), self._scales, self._settings)[2]]
+            labels = names[suppress(*arrays[:3], votes, self._settings)[2]]
         return Segments(endpoints, scores, labels)
 
     def clusters(self, segments: Segments) -> Int[np.ndarray, " n"]:
         """Gives the cluster of each segment as DBSCAN finds it, -1 for none."""
-        epsilon, min_samples, weighted, power, directed, _ = self._settings
+        *_, epsilon, min_samples, power, weighted, directed, _ = self._settings
         endpoints, scores, *_ = segment_arrays(segments)
         points = measure(endpoints, self._scales, directed)[1]
         return dbscan(points, epsilon, min_samples, powers(scores, power) if weighted else None)

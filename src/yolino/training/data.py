@@ -153,27 +153,24 @@ class EndlessSampler(Sampler[int]):
     """Numbers the examples of all epochs and processes through.
 
     So no epoch repeats, and a resumed run goes on with the examples that were next. (Lightning's own count of
-    epochs is one too high after a resumption, hence `consumed`.)
+    epochs is one too high after a resumption.)
 
     Args:
         count: Examples per epoch and process.
-        consumed: Tells how many examples each process has consumed when an epoch begins.
-        rank: Number of this process.
-        world_size: Number of processes.
+        place: Tells, when an epoch begins, how many examples each process has consumed, the number of this
+            process and that of all processes (Lightning knows them only then).
     """
 
-    def __init__(
-        self, count: int, consumed: Callable[[], int], *, rank: int = 0, world_size: int = 1
-    ) -> None:
-        self.count, self.consumed, self.rank, self.world_size = count, consumed, rank, world_size
+    def __init__(self, count: int, place: Callable[[], tuple[int, int, int]]) -> None:
+        self.count, self.place = count, place
 
     def __len__(self) -> int:
         return self.count
 
     def __iter__(self) -> Iterator[int]:
-        first = self.consumed()
+        first, rank, processes = self.place()
         for i in range(first, first + self.count):
-            yield i * self.world_size + self.rank
+            yield i * processes + rank
 
 
 def collate_examples(examples: Sequence[Example]) -> Batch:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -61,21 +60,25 @@ def build_loaders(
     experiment: Experiment,
     *,
     border: bool,
-    step: Callable[[], int] = lambda: 0,
-    rank: int = 0,
-    world_size: int = 1,
+    place: Callable[[], tuple[int, int, int]] = lambda: (0, 0, 1),
 ) -> tuple[DataLoader[Batch], DataLoader[Batch]]:
-    """Gives the training and the validation loader; `step` tells the steps done when an epoch begins."""
+    """Gives the training and the validation loader.
+
+    Args:
+        experiment: The experiment file.
+        border: Whether segments must end on the borders of the cells.
+        place: Tells the steps done when an epoch begins, the number of this process and of all processes.
+    """
+
+    def examples_done() -> tuple[int, int, int]:
+        steps, rank, processes = place()
+        return steps * experiment.training.batch_size, rank, processes
+
     data, training = experiment.data, experiment.training
     augment = build_augment(experiment.augment, data.size, data.fit)
     train = build_examples(experiment, data.train, augment, border=border, mixed=True)
     val = build_examples(experiment, data.val, Augment(data.size, fit=data.fit), border=border, mixed=False)
-    sampler = EndlessSampler(
-        training.validate_every * training.batch_size,
-        lambda: step() * training.batch_size,
-        rank=rank,
-        world_size=world_size,
-    )
+    sampler = EndlessSampler(training.validate_every * training.batch_size, examples_done)
     shared: dict[str, Any] = {"batch_size": training.batch_size, "collate_fn": collate_examples}
     workers: dict[str, Any] = {"num_workers": training.workers, "persistent_workers": training.workers > 0}
     return (
@@ -150,10 +153,10 @@ def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool =
     module = TrainingModule(experiment)
     if experiment.training.start_from is not None:
         _start_from(module, experiment.training.start_from)
-    rank, world_size = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
-    border = module.network.representation.to_border
     loader, val_loader = build_loaders(
-        experiment, border=border, step=lambda: trainer.global_step, rank=rank, world_size=world_size
+        experiment,
+        border=module.network.representation.to_border,
+        place=lambda: (trainer.global_step, trainer.global_rank, trainer.world_size),
     )
     assert isinstance(val_loader.dataset, Examples)
     _claim(folder, experiment)
@@ -167,7 +170,9 @@ def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool =
     last = folder / LAST
     if last.is_file():
         logger.info("going on from %s", last)
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # tips and what was found or not
     with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*treespec, LeafSpec.*")
         warnings.filterwarnings("ignore", ".*does not have many workers.*")
         warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
         trainer.fit(module, loader, val_loader, ckpt_path=str(last) if last.is_file() else None)
@@ -186,8 +191,8 @@ def _start_from(module: TrainingModule, path: Path) -> None:
         module.network.load_state_dict(network.state_dict())
     except RuntimeError as error:
         raise ValueError(
-            f"training.start_from: the network of {path} ({header.name}) has other layers than this experiment's; "
-            "use the same model section."
+            f"training.start_from: the network of {path} ({header.name}) has other layers than this "
+            "experiment's; use the same model section."
         ) from error
 
 
