@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from yolino.datasets.road.layout import CLASSES, Layout, sample_layout
+from yolino.datasets.road.layout import Layout, sample_layout
 from yolino.datasets.road.optics import expose, roll_matrix, turn
 from yolino.datasets.road.scenery import paint_background, paint_bridge, paint_signs, paint_sky
 from yolino.datasets.road.seams import paint_seams
@@ -14,6 +14,7 @@ from yolino.datasets.road.strokes import paint_dots, paint_stripe
 from yolino.datasets.road.surface import paint_ground, sample_ground
 from yolino.datasets.road.traffic import paint_shadows, paint_traffic
 from yolino.datasets.road.view import View, sample_view
+from yolino.datasets.tusimple import CLASSES
 from yolino.geometry import clip_polylines, transform_points
 from yolino.types import Floats, Polylines, Sample
 

@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from yolino.datasets.road.layout import CLASSES, Boundary, sample_layout
+from yolino.datasets.road.layout import Boundary, sample_layout
+from yolino.datasets.tusimple import CLASSES
 
 
 @settings(deadline=None, max_examples=60)

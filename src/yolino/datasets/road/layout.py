@@ -9,17 +9,6 @@ import numpy as np
 from yolino.datasets.road.drawing import Color
 from yolino.types import Floats
 
-CLASSES = (
-    "continuous yellow",
-    "continuous white",
-    "dashed",
-    "double dashed",
-    "Botts' dots",
-    "double continuous yellow",
-    "unknown",
-)
-"""The lane classes of TuSimple, in the order of their ids (which begin at 1)."""
-
 WHITE = (232, 232, 226)
 YELLOW = (226, 160, 38)
 
@@ -81,7 +70,7 @@ class Boundary:
 
     Attributes:
         offset: Distance from the axis of the own lane in meters, positive to the right.
-        label: Index in `CLASSES`.
+        label: Index in `yolino.datasets.tusimple.CLASSES`.
         stripes: What is painted for it.
         taper: From which distance in meters on it leaves its offset (for an exit, say), and by how many
             meters per meter.
