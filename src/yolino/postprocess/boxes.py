@@ -13,6 +13,16 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: spreads neig
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
+def is_crowded(keys):
+    """Tells whether more than `CROWD` points are in one cell, given their sorted keys."""
+    crowded = False
+    for p in range(len(keys) - CROWD):
+        crowded |= keys[p] == keys[p + CROWD]
+    return crowded
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def split_cells(rows, keys, order, epsilon):
     """Sorts the rows of crowded cells by box, and gives where each box starts (and the last stops)."""
     n = len(order)
@@ -39,42 +49,60 @@ def split_cells(rows, keys, order, epsilon):
 def _split_cell(rows, order, epsilon):
     """Sorts the rows of one cell (and their order) by box, and gives the sizes of the boxes."""
     n, d = rows.shape
-    scale = (np.floor(np.sqrt(d)) + 1) / epsilon  # the diagonal of a box is shorter than epsilon
-    table, steps = np.full(2 * n, -1, np.int64), np.empty((n, d), np.int64)
-    boxes, sizes = np.empty(n, np.int64), np.zeros(n, np.int64)
-    filled = 0
+    boxes, count = _number_boxes(rows, (np.floor(np.sqrt(d)) + 1) / epsilon)  # the diagonal is below epsilon
+    sizes, places = np.zeros(count, np.int64), np.zeros(count + 1, np.int64)
     for p in range(n):
-        mix = np.uint64(0)
-        for k in range(d):
-            steps[filled, k] = np.int64(np.floor((rows[p, k] - rows[0, k]) * scale))
-            mix = (mix ^ np.uint64(steps[filled, k])) * _MIX
-        at = np.int64(mix >> np.uint64(20)) % len(table)
-        while table[at] >= 0 and not (steps[table[at]] == steps[filled]).all():
-            at = (at + 1) % len(table)
-        if table[at] < 0:
-            table[at] = filled
-            filled += 1
-        boxes[p] = table[at]
         sizes[boxes[p]] += 1
-    places = np.cumsum(sizes) - sizes
+    for b in range(count):
+        places[b + 1] = places[b] + sizes[b]
     old_rows, old_order = rows.copy(), order.copy()
     for p in range(n):
         at = places[boxes[p]]
         places[boxes[p]] += 1
-        order[at], rows[at] = old_order[p], old_rows[p]
-    return sizes[:filled]
+        order[at] = old_order[p]
+        for k in range(d):
+            rows[at, k] = old_rows[p, k]
+    return sizes
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _number_boxes(rows, scale):
+    """Gives the box of each row, boxes being 1 / scale wide, and how many there are."""
+    n, d = rows.shape
+    table, steps, boxes = np.full(2 * n, -1, np.int64), np.empty((n, d), np.int64), np.empty(n, np.int64)
+    count = 0
+    for p in range(n):
+        mix = np.uint64(0)
+        for k in range(d):
+            steps[count, k] = np.int64(np.floor((rows[p, k] - rows[0, k]) * scale))
+            mix = (mix ^ np.uint64(steps[count, k])) * _MIX
+        at = np.int64(mix >> np.uint64(20)) % len(table)
+        while table[at] >= 0:
+            same = True
+            for k in range(d):
+                same &= steps[table[at], k] == steps[count, k]
+            if same:
+                break
+            at = (at + 1) % len(table)
+        if table[at] < 0:
+            table[at] = count
+            count += 1
+        boxes[p] = table[at]
+    return boxes, count
 
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def bounds(rows, starts):
     """Gives the low and the high corner of the points of each box."""
-    lows, highs = rows[starts[:-1]], rows[starts[:-1]]
-    for b in range(len(starts) - 1):
-        for p in range(starts[b] + 1, starts[b + 1]):
-            for k in range(rows.shape[1]):
-                lows[b, k] = min(lows[b, k], rows[p, k])
-                highs[b, k] = max(highs[b, k], rows[p, k])
+    lows = np.empty((len(starts) - 1, rows.shape[1]))
+    highs = np.empty_like(lows)
+    for b in range(len(lows)):
+        for k in range(rows.shape[1]):
+            lows[b, k] = highs[b, k] = rows[starts[b], k]
+            for p in range(starts[b] + 1, starts[b + 1]):
+                lows[b, k], highs[b, k] = min(lows[b, k], rows[p, k]), max(highs[b, k], rows[p, k])
     return lows, highs
 
 

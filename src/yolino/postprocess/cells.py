@@ -7,6 +7,8 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
+_MANY = 1024  # keys from which on fewer, longer digits sort faster
+
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
@@ -62,23 +64,28 @@ def _widest(points):
 @njit(cache=True, error_model="numpy")
 @no_type_check
 def _radix_order(keys):
-    """Gives the stable order that sorts keys from 0 on, byte by byte."""
+    """Gives the stable order that sorts keys from 0 on, digit by digit."""
     n = len(keys)
     order, other = np.arange(n), np.empty(n, np.int64)
-    top = keys.max() if n else 0
-    shift = 0
-    while top >> shift:
-        places = np.zeros(257, np.int64)
+    top = bits = 0
+    for key in keys:
+        top = max(top, key)
+    while top >> bits:
+        bits += 1
+    rounds = (bits + 7) // 8 if n < _MANY else (bits + 10) // 11
+    width = (bits + rounds - 1) // max(rounds, 1)
+    for turn in range(rounds):
+        shift, mask = turn * width, (1 << width) - 1
+        places = np.zeros(mask + 2, np.int64)
         for i in range(n):
-            places[((keys[i] >> shift) & 255) + 1] += 1
-        for byte in range(256):
-            places[byte + 1] += places[byte]
+            places[((keys[i] >> shift) & mask) + 1] += 1
+        for digit in range(mask):
+            places[digit + 1] += places[digit]
         for i in order:
-            byte = (keys[i] >> shift) & 255
-            other[places[byte]] = i
-            places[byte] += 1
+            digit = (keys[i] >> shift) & mask
+            other[places[digit]] = i
+            places[digit] += 1
         order, other = other, order
-        shift += 8
     return order
 
 

@@ -8,16 +8,16 @@ import numpy as np
 from numba import njit
 
 from yolino.postprocess.duplicates import find_originals
-from yolino.postprocess.inputs import check_segments, segment_arrays
-from yolino.postprocess.links import canonical_order, match_nodes, segment_nodes, trace_chains
+from yolino.postprocess.inputs import check_not_negative, check_positive, check_segments, segment_arrays
+from yolino.postprocess.links import match_nodes, segment_nodes, trace_chains
 from yolino.postprocess.outlines import class_votes, outline, smooth_outlines
+from yolino.postprocess.sorting import sort_segments
 from yolino.postprocess.spline import SmoothingSpline
 from yolino.types import Polylines, Segments
 
-# In cells: how far ends of linked segments (joined chains) may run past each other; how far either may lie
-# beside the other's line; that per cell of the gap; weight of that, and of 1 - cosine of the turn, beside
-# the gap's length in the cost; and how often a gap may hold what is known of the longer of the two (half of
-# `_LOOK_BACK` at most).
+# Cells: how far ends of linked segments (joined chains) may run past each other; how far either may lie
+# beside the other's line; that per cell of the gap. Then the weights of that distance, and of 1 - cosine of
+# the turn, in the cost beside the gap's length; and how many times half the longer one a gap may be long.
 _LINK = (0.5, 0.5, 0.0, 4.0, 1.0, np.inf)
 _JOIN = (1.5, 0.5, 0.2, 1.0, 1.0, 4.0)
 _LOOK_BACK = 3.0  # cells at a chain's end that tell its direction
@@ -71,15 +71,9 @@ class ChainLinker:
         min_score: float = 0.0,
         smoothing: float = 0.05,
     ) -> None:
-        for name, value in (("cell_size", cell_size), ("link_radius_cells", link_radius_cells)):
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} is {value}, but a finite length above 0 is needed.")
-        for name, value in (
-            ("max_gap_cells", max_gap_cells),
-            ("duplicate_radius_cells", duplicate_radius_cells),
-        ):
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} is {value}, but a finite length from 0 on is needed.")
+        check_positive(cell_size=cell_size, link_radius_cells=link_radius_cells)
+        check_not_negative(max_gap_cells=max_gap_cells, duplicate_radius_cells=duplicate_radius_cells)
+        check_not_negative(min_length_cells=min_length_cells, min_score=min_score)
         if not 0 < max_turn < np.pi:
             raise ValueError(f"max_turn is {max_turn}, but an angle between 0 and pi (radians) is needed.")
         self._cell_size = float(cell_size)
@@ -110,8 +104,7 @@ class ChainLinker:
 def _link(endpoints, scores, labels, votes, rules):
     """Gives the outlines of the chains of segments in cell units, see `outline`."""
     directed, link_rule, duplicate_rule, join_rule = rules
-    order = canonical_order(endpoints, scores, labels)
-    endpoints, scores, votes = endpoints[order], scores[order], votes[order]
+    endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes)
     partners, costs = match_nodes(segment_nodes(endpoints), directed, link_rule)
     items, flips, offsets, rings = trace_chains(partners, costs, directed)
     if duplicate_rule[0] > 0:
@@ -125,11 +118,19 @@ def _link(endpoints, scores, labels, votes, rules):
         items, flips, offsets, rings = _concatenate(links, items, flips, offsets, rings)
     if not directed:
         _turn_to_majority(endpoints, items, flips, offsets)
-    ordered = np.empty((len(items), 2, 2))
+    lines, means, chances = (
+        np.empty((len(items), 2, 2)),
+        np.empty(len(items)),
+        np.empty((len(items), votes.shape[1])),
+    )
     for p in range(len(items)):
-        start = int(flips[p])
-        ordered[p, 0], ordered[p, 1] = endpoints[items[p], start], endpoints[items[p], 1 - start]
-    return outline((offsets, rings), ordered, scores[items], votes[items])
+        i, start = items[p], int(flips[p])
+        for k in range(2):
+            lines[p, 0, k], lines[p, 1, k] = endpoints[i, start, k], endpoints[i, 1 - start, k]
+        means[p] = scores[i]
+        for k in range(votes.shape[1]):
+            chances[p, k] = votes[i, k]
+    return outline((offsets, rings), lines, means, chances)
 
 
 @njit(cache=True, error_model="numpy")
@@ -156,24 +157,30 @@ def _choose(kept, items, flips, offsets, rings):
 @no_type_check
 def _chain_nodes(endpoints, items, flips, offsets, rings):
     """Gives the nodes of chains (see `links`), each with the direction of the last `_LOOK_BACK` cells."""
-    nodes = np.empty((2 * (len(offsets) - 1), 5))
+    nodes = np.zeros((2 * (len(offsets) - 1), 5))
     for c in range(len(offsets) - 1):
         for end in range(2):
-            p = offsets[c + 1] - 1 if end else offsets[c]
-            outer = endpoints[items[p], end ^ int(flips[p])]
+            outer = offsets[c + 1] - 1 if end else offsets[c]
             x = y = walked = 0.0
-            while offsets[c] <= p < offsets[c + 1] and walked < _LOOK_BACK:
-                segment = endpoints[items[p]]
-                dx, dy = segment[1, 0] - segment[0, 0], segment[1, 1] - segment[0, 1]
-                way = 1.0 if flips[p] != (end == 1) else -1.0
-                x, y = x + way * dx, y + way * dy
+            for k in range(offsets[c + 1] - offsets[c]):
+                p = outer - k if end else outer + k
+                dx, dy = _way(endpoints, items[p])
+                if walked < _LOOK_BACK:
+                    way = 1.0 if flips[p] != (end == 1) else -1.0
+                    x, y = x + way * dx, y + way * dy
                 walked += np.sqrt(dx * dx + dy * dy)
-                p += -1 if end else 1
             norm = np.sqrt(x * x + y * y)
             scale = 1 / norm if norm > 0 and not rings[c] else 0.0  # without a direction nothing is linked
-            node = nodes[2 * c + end]
-            node[0], node[1], node[2], node[3], node[4] = outer[0], outer[1], x * scale, y * scale, walked / 2
+            i, tip, node = items[outer], end ^ int(flips[outer]), 2 * c + end
+            nodes[node, 0], nodes[node, 1] = endpoints[i, tip, 0], endpoints[i, tip, 1]
+            nodes[node, 2], nodes[node, 3], nodes[node, 4] = x * scale, y * scale, walked / 2
     return nodes
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
+def _way(endpoints, i):
+    return endpoints[i, 1, 0] - endpoints[i, 0, 0], endpoints[i, 1, 1] - endpoints[i, 0, 1]
 
 
 @njit(cache=True, error_model="numpy")
@@ -204,9 +211,10 @@ def _turn_to_majority(endpoints, items, flips, offsets):
         first, stop = offsets[c], offsets[c + 1]
         balance = 0.0
         for p in range(first, stop):
-            segment = endpoints[items[p]]
-            dx, dy = segment[1, 0] - segment[0, 0], segment[1, 1] - segment[0, 1]
+            dx, dy = _way(endpoints, items[p])
             balance += (-1.0 if flips[p] else 1.0) * np.sqrt(dx * dx + dy * dy)
         if balance < 0:
-            items[first:stop] = items[first:stop][::-1].copy()
-            flips[first:stop] = ~flips[first:stop][::-1]
+            for k in range((stop - first + 1) // 2):
+                p, q = first + k, stop - 1 - k
+                items[p], items[q] = items[q], items[p]
+                flips[p], flips[q] = not flips[q], not flips[p]

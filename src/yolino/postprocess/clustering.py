@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
-from yolino.postprocess.boxes import CROWD, bounds, gaps, near, split_cells
+from yolino.postprocess.boxes import bounds, gaps, is_crowded, near, split_cells
 from yolino.postprocess.cells import sort_points, windows
 
 MAX_SPREAD = 2.0**50
@@ -69,8 +69,8 @@ def dbscan(
 @no_type_check
 def cluster(points, epsilon, min_samples, weights):
     """Gives the labels of checked input (at least one point; weights may be empty) and how many clusters."""
-    if len(weights) == 0 and min_samples <= 2:  # whoever has a neighbor is core: clusters are components
-        return _number_clusters(_components(points, epsilon), min_samples)
+    if len(weights) == 0 and min_samples <= 2:
+        return cluster_neighbors(points, epsilon, min_samples)
     space, order, pairs = _arrange(points, epsilon)
     core = _core_points(space, pairs, weights[order] if len(weights) else np.ones(len(points)), min_samples)
     chosen = np.sort(order[core])
@@ -80,6 +80,13 @@ def cluster(points, epsilon, min_samples, weights):
     labels, count = _number_clusters(parents, 1)
     _label_borders(space, pairs, core, order, labels)
     return labels, count
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def cluster_neighbors(points, epsilon, min_samples):
+    """Gives the same for `min_samples` 1 or 2: who has a neighbor is core, so clusters are components."""
+    return _number_clusters(_components(points, epsilon), min_samples)
 
 
 @njit(cache=True, error_model="numpy")
@@ -102,7 +109,7 @@ def _components(points, epsilon):
     """Gives a parent of each point, itself or an earlier one; neighbors, and theirs, have the same root."""
     rows, order, keys, columns = sort_points(points, epsilon)
     parents = np.arange(len(rows))
-    if (keys[CROWD:] == keys[:-CROWD]).any():
+    if is_crowded(keys):
         starts = split_cells(rows, keys, order, epsilon)
         lows, highs = bounds(rows, starts)
         pairs = windows(keys[starts[:-1]], columns)
@@ -139,8 +146,11 @@ def _join_boxes(space, order, pairs, parents):
     starts = space[1]
     nodes = np.empty(len(starts) - 1, np.int64)
     for b in range(len(nodes)):
-        nodes[b] = order[starts[b] : starts[b + 1]].min()
-        parents[order[starts[b] : starts[b + 1]]] = nodes[b]
+        nodes[b] = order[starts[b]]
+        for p in range(starts[b] + 1, starts[b + 1]):
+            nodes[b] = min(nodes[b], order[p])
+        for p in range(starts[b], starts[b + 1]):
+            parents[order[p]] = nodes[b]
     for a in range(len(nodes)):
         root = _root(parents, nodes[a])
         for half in range(2):

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from yolino.postprocess.cells import neighborhoods, sort_points
+from yolino.postprocess.sorting import sort_rows
 
 
 @njit(cache=True, error_model="numpy")
@@ -24,12 +25,16 @@ def find_originals(chains, endpoints, scores, directed, rule):
     radius, straight, share = rule
     middles, ways, lengths = _measure(endpoints)
     owners, strengths, totals = _sum_up(items, offsets, lengths, scores)
-    _, order, keys, columns = sort_points(middles, radius + lengths.max() / 2 + 0.5)
+    longest = 0.0
+    for length in lengths:
+        longest = max(longest, length)
+    _, order, keys, columns = sort_points(middles, radius + longest / 2 + 0.5)
     runs = neighborhoods(keys, columns)
     places = np.empty(len(order), np.int64)
-    places[order] = np.arange(len(order))
+    for p in range(len(order)):
+        places[order[p]] = p
     kept = np.zeros(len(totals), np.bool_)
-    for c in np.argsort(-strengths, kind="mergesort"):
+    for c in sort_rows(-strengths.reshape(-1, 1)):
         covered = 0.0
         for p in range(offsets[c], offsets[c + 1]):
             i = items[p]

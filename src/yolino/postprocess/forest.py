@@ -8,6 +8,10 @@ import numpy as np
 from numba import njit
 
 from yolino.postprocess.cells import sort_points, windows
+from yolino.postprocess.sorting import sort_rows
+
+_TINY = 1e-300  # a score of zero still counts among zeros
+_EQUAL = 1e-3  # cells by which gaps must differ to count more than the direction
 
 
 @njit(cache=True, error_model="numpy")
@@ -15,11 +19,11 @@ from yolino.postprocess.cells import sort_points, windows
 def find_successors(endpoints, radius, lowest):
     """Gives the segment whose start is the nearest to each segment's end, -1 for none, and how near it is.
 
-    It must be nearer than `radius`, start above `lowest`, and lie ahead: its middle ahead of the segment's
-    middle in the directions of both. Of equally near ones the first is taken.
+    It must be nearer than `radius`, start no lower than `lowest`, and lie ahead: it starts ahead of the
+    segment's middle, and the segment ends behind its middle. Of equally near ones it is the straightest.
     """
     n = len(endpoints)
-    successors, gaps = np.full(n, -1, np.int64), np.full(n, radius)
+    successors, gaps, costs = np.full(n, -1, np.int64), np.full(n, np.inf), np.full(n, np.inf)
     _, order, keys, columns = sort_points(endpoints.reshape(2 * n, 2), radius)
     runs = windows(keys, columns)
     for p in range(2 * n):
@@ -31,22 +35,27 @@ def find_successors(endpoints, radius, lowest):
                 i, j = i >> 1, j >> 1
                 dx, dy = endpoints[j, 0, 0] - endpoints[i, 1, 0], endpoints[j, 0, 1] - endpoints[i, 1, 1]
                 gap = np.sqrt(dx * dx + dy * dy)
-                if gap > gaps[i] or gap >= radius or (gap == gaps[i] and j > successors[i]):
+                if gap >= radius or gap > costs[i] or endpoints[j, 0, 1] > lowest:
                     continue
-                if endpoints[j, 0, 1] <= lowest and _ahead(endpoints, i, j):
-                    successors[i], gaps[i] = j, gap
+                ahead, turn = _compare(endpoints, i, j)
+                cost = gap + _EQUAL * turn
+                if ahead and (cost < costs[i] or (cost == costs[i] and j < successors[i])):
+                    successors[i], gaps[i], costs[i] = j, gap, cost
     return successors, gaps
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 @no_type_check
-def _ahead(endpoints, i, j):
-    forward = backward = 0.0
+def _compare(endpoints, i, j):
+    """Tells whether segment j lies ahead of segment i, and gives 1 - cosine of the angle between them."""
+    forward = backward = dot = squared = other = 0.0
     for k in range(2):
-        step = (endpoints[j, 0, k] + endpoints[j, 1, k] - endpoints[i, 0, k] - endpoints[i, 1, k]) / 2
-        forward += step * (endpoints[i, 1, k] - endpoints[i, 0, k])
-        backward += step * (endpoints[j, 1, k] - endpoints[j, 0, k])
-    return forward > 0 and backward > 0
+        way, onward = endpoints[i, 1, k] - endpoints[i, 0, k], endpoints[j, 1, k] - endpoints[j, 0, k]
+        forward += way * (endpoints[j, 0, k] - endpoints[i, 0, k] - way / 2)
+        backward += onward * (endpoints[j, 0, k] + onward / 2 - endpoints[i, 1, k])
+        dot, squared, other = dot + way * onward, squared + way * way, other + onward * onward
+    ahead = forward > 0 and backward > 0
+    return ahead, 1 - dot / np.sqrt(squared * other) if ahead else 2.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -108,22 +117,17 @@ def cut_branches(endpoints, links, order, radius):
     successors, gaps = links
     n = len(successors)
     trees, behind, depths = np.full(n, -1, np.int64), np.full(n, -1, np.int64), np.ones(n, np.int64)
-    first = np.zeros(n + 1, np.int64)
-    for i in range(n):
-        if successors[i] >= 0:
-            first[successors[i] + 1] += 1
-    first = np.cumsum(first)
-    places, before = first[:-1].copy(), np.empty(first[-1], np.int64)
-    for i in range(n):
-        if successors[i] >= 0:
-            before[places[successors[i]]] = i
-            places[successors[i]] += 1
+    first, before = _predecessors(successors)
     count = 0
     for v in order:
         branches = before[first[v] : first[v + 1]]
         if len(branches):
             groups = _group_branches(endpoints, branches, behind, depths, radius)
-            trunk = groups[np.argmin(gaps[branches])]
+            nearest = 0
+            for b in range(len(branches)):
+                if gaps[branches[b]] < gaps[branches[nearest]]:
+                    nearest = b
+            trunk = groups[nearest]
             for b in range(len(branches)):
                 if groups[b] != trunk:
                     trees[branches[b]] = groups[b]
@@ -137,10 +141,31 @@ def cut_branches(endpoints, links, order, radius):
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
+def _predecessors(successors):
+    """Gives where the predecessors of each segment begin in a list (and the last end), and the list."""
+    n = len(successors)
+    first, places, before = np.zeros(n + 1, np.int64), np.zeros(n, np.int64), np.empty(n, np.int64)
+    for i in range(n):
+        if successors[i] >= 0:
+            first[successors[i] + 1] += 1
+    for i in range(n):
+        first[i + 1] += first[i]
+        places[i] = first[i]
+    for i in range(n):
+        if successors[i] >= 0:
+            before[places[successors[i]]] = i
+            places[successors[i]] += 1
+    return first, before
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def _group_branches(endpoints, branches, behind, depths, radius):
     """Gives the deepest branch that each branch runs beside: itself, or one of which that is not true."""
-    groups = branches.copy()
-    by_depth = np.argsort(-depths[branches], kind="mergesort")
+    groups, shallowness = branches.copy(), np.empty((len(branches), 1))
+    for b in range(len(branches)):
+        shallowness[b, 0] = -depths[branches[b]]
+    by_depth = sort_rows(shallowness)
     for p in range(len(branches)):
         b = by_depth[p]
         for q in range(p):
@@ -196,25 +221,23 @@ def average_levels(segments, successors, trees, order):
         if successors[i] >= 0:
             trees[i], levels[i] = trees[successors[i]], levels[successors[i]] + 1
         sizes[trees[i]] = max(sizes[trees[i]], levels[i] + 1)
-    roots = np.flatnonzero(sizes)
-    offsets = np.zeros(len(roots) + 1, np.int64)
-    offsets[1:] = np.cumsum(sizes[roots])
-    stops = np.empty(n, np.int64)
-    stops[roots] = offsets[1:]
-    total = offsets[-1]
-    lines, confidences, chances = np.zeros((total, 2, 2)), np.zeros(total), np.zeros((total, votes.shape[1]))
-    weights, weighed = np.zeros(total), np.zeros(total)
+    offsets, stops, count = np.zeros(n + 1, np.int64), np.empty(n, np.int64), 0
     for i in range(n):
-        weighed[stops[trees[i]] - 1 - levels[i]] += scores[i]
+        if sizes[i]:
+            offsets[count + 1] = stops[i] = offsets[count] + sizes[i]
+            count += 1
+    total = offsets[count]
+    lines, means, chances = np.zeros((total, 2, 2)), np.zeros(total), np.zeros((total, votes.shape[1]))
+    weights, places = np.zeros(total), np.empty(n, np.int64)
     for i in range(n):
-        at = stops[trees[i]] - 1 - levels[i]
-        weight = scores[i] if weighed[at] > 0 else 1.0
-        weights[at] += weight
-        lines[at] += weight * endpoints[i]
-        confidences[at] += weight * scores[i]
-        chances[at] += weight * votes[i]
-    for at in range(total):
-        lines[at] /= weights[at]
-        confidences[at] /= weights[at]
-        chances[at] /= weights[at]
-    return lines, confidences, chances, offsets
+        places[i] = stops[trees[i]] - 1 - levels[i]
+        weights[places[i]] += max(scores[i], _TINY)
+    for i in range(n):
+        at = places[i]
+        share = max(scores[i], _TINY) / weights[at]
+        means[at] += share * scores[i]
+        for k in range(4):
+            lines[at, k >> 1, k & 1] += share * endpoints[i, k >> 1, k & 1]
+        for k in range(votes.shape[1]):
+            chances[at, k] += share * votes[i, k]
+    return lines, means, chances, offsets[: count + 1]

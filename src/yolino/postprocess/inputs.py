@@ -1,13 +1,16 @@
-"""Segments as the arrays that the kernels take."""
+"""What comes in: segments as the arrays that kernels take, and numbers that must be in range."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yolino.types import Segments
+
+_NO_CLASSES = np.empty((0, 0))
 
 
 class SegmentArrays(NamedTuple):
@@ -17,7 +20,7 @@ class SegmentArrays(NamedTuple):
         endpoints: `(n, 2, 2)`.
         scores: `(n,)`.
         labels: `(n,)`.
-        probabilities: `(n, c)`; without columns where there are none.
+        probabilities: `(n, c)`; where there are none, an array without rows and columns.
     """
 
     endpoints: NDArray[np.float64]
@@ -33,13 +36,12 @@ def segment_arrays(segments: Segments) -> SegmentArrays:
         _plain(segments.endpoints),
         _plain(segments.scores),
         _plain(segments.labels),
-        np.empty((len(segments), 0)) if given is None else _plain(given),
+        _NO_CLASSES if given is None else _plain(given),
     )
 
 
 def _plain(array: NDArray[Any]) -> NDArray[Any]:
-    flags = array.flags
-    return array if flags.c_contiguous and flags.writeable else array.copy("C")
+    return array if array.flags.carray else array.copy("C")
 
 
 def check_segments(segments: Segments) -> None:
@@ -48,3 +50,17 @@ def check_segments(segments: Segments) -> None:
         raise ValueError("endpoints or scores hold NaN or infinity; drop those segments first.")
     if segments.scores.min(initial=0.0) < 0:
         raise ValueError("scores must be at least 0; drop the other segments first.")
+
+
+def check_positive(**numbers: float) -> None:
+    """Raises a ValueError that names the first number which is not finite and above 0."""
+    for name, value in numbers.items():
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} is {value}, but a finite number above 0 is needed.")
+
+
+def check_not_negative(**numbers: float) -> None:
+    """Raises a ValueError that names the first number which is not finite or below 0."""
+    for name, value in numbers.items():
+        if not (math.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} is {value}, but a finite number from 0 on is needed.")

@@ -17,43 +17,6 @@ from yolino.postprocess.cells import sort_points, windows
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def canonical_order(endpoints, scores, labels):
-    """Gives the order that sorts segments by all that they are: nothing depends on how they came in."""
-    n = len(endpoints)
-    order, other = np.arange(n), np.empty(n, np.int64)
-    width = 1
-    while width < n:
-        for start in range(0, n, 2 * width):
-            left, middle = start, min(start + width, n)
-            right, stop = middle, min(start + 2 * width, n)
-            for at in range(start, stop):
-                if right == stop or (
-                    left < middle and not _precedes(endpoints, scores, labels, order[right], order[left])
-                ):
-                    other[at] = order[left]
-                    left += 1
-                else:
-                    other[at] = order[right]
-                    right += 1
-        order, other = other, order
-        width *= 2
-    return order
-
-
-@njit(cache=True, error_model="numpy")
-@no_type_check
-def _precedes(endpoints, scores, labels, i, j):
-    for e in range(2):
-        for k in range(2):
-            if endpoints[i, e, k] != endpoints[j, e, k]:
-                return endpoints[i, e, k] < endpoints[j, e, k]
-    if scores[i] != scores[j]:
-        return scores[i] < scores[j]
-    return labels[i] < labels[j]
-
-
-@njit(cache=True, error_model="numpy")
-@no_type_check
 def segment_nodes(endpoints):
     """Gives the two nodes of each segment, in the unit of its end points."""
     nodes = np.empty((2 * len(endpoints), 5))
@@ -81,35 +44,46 @@ def match_nodes(nodes, directed, rule):
     partners, costs = np.full(len(nodes), -1, np.int64), np.full(len(nodes), np.inf)
     if len(nodes) == 0:
         return partners, costs
-    _, order, keys, columns = sort_points(nodes[:, :2], rule[0])
+    places = np.empty((len(nodes), 2))
+    for a in range(len(nodes)):
+        places[a, 0], places[a, 1] = nodes[a, 0], nodes[a, 1]
+    _, order, keys, columns = sort_points(places, rule[0])
     best, least = np.empty(len(nodes), np.int64), np.empty(len(nodes))
-    while len(order):
-        best[order], least[order] = -1, np.inf
-        runs = windows(keys, columns)
-        for p in range(len(order)):
+    left = -1
+    while len(order) != left:
+        left = len(order)
+        _find_best(nodes, directed, rule, (order, windows(keys, columns)), (best, least))
+        filled = 0
+        for p in range(left):
             a = order[p]
-            for half in range(2):
-                for q in range(runs[p, half, 0], runs[p, half, 1]):
-                    b = order[q]
-                    if directed and not (a ^ b) & 1:
-                        continue
-                    cost = _link_cost(nodes, a, b, rule)
-                    if cost < np.inf:
-                        _prefer(best, least, a, b, cost)
-                        _prefer(best, least, b, a, cost)
-        open_ = np.zeros(len(order), np.bool_)
-        made = False
-        for p in range(len(order)):
-            a, b = order[p], best[order[p]]
-            if b >= 0 and best[b] == a:
-                partners[a], costs[a] = b, least[a]
-                made = True
-            else:
-                open_[p] = b >= 0
-        if not made:
-            break
-        order, keys = order[open_], keys[open_]
+            if best[a] >= 0 and best[best[a]] == a:
+                partners[a], costs[a] = best[a], least[a]
+            elif best[a] >= 0:
+                order[filled], keys[filled] = a, keys[p]
+                filled += 1
+        order, keys = order[:filled], keys[:filled]
     return partners, costs
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _find_best(nodes, directed, rule, cells, found):
+    """Writes the best partner (-1: none) of each node that is left to `best`, and its cost to `least`."""
+    order, runs = cells
+    best, least = found
+    for a in order:
+        best[a], least[a] = -1, np.inf
+    for p in range(len(order)):
+        a = order[p]
+        for half in range(2):
+            for q in range(runs[p, half, 0], runs[p, half, 1]):
+                b = order[q]
+                if directed and not (a ^ b) & 1:
+                    continue
+                cost = _link_cost(nodes, a, b, rule)
+                if cost < np.inf:
+                    _prefer(best, least, a, b, cost)
+                    _prefer(best, least, b, a, cost)
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -7,7 +7,7 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
-from yolino.postprocess.clustering import MAX_SPREAD, cluster
+from yolino.postprocess.clustering import MAX_SPREAD, cluster_neighbors
 
 # The kernels take plain arrays; no_type_check keeps runtime type checkers from wrapping what numba compiles.
 
@@ -67,18 +67,28 @@ def _power(base, exponent):
 def suppress(endpoints, scores, labels, probabilities, settings):
     """Gives the same of the merged segments, and whether labels of one cluster differ.
 
-    Probabilities without columns mean that there are none. The settings are the scales of the coordinates,
-    epsilon, min_samples, score_power, weighted, directed, and whether singletons are kept.
+    Probabilities without columns are none. The settings are the scales of the coordinates,
+    epsilon, min_samples (1 or 2), score_power, directed, and whether singletons are kept.
     """
-    midpoint, length, direction, epsilon, min_samples, power, weighted, directed, keep = settings
-    measures, points = measure(endpoints, (midpoint, length, direction), directed)
-    _check(points, scores, epsilon)
-    weights = powers(scores, power) if weighted else np.empty(0)
-    groups, count = cluster(points, epsilon, min_samples, weights)
-    slots, firsts, counts, peaks = _assign(measures, groups, count, scores, keep)
-    merged, chosen = np.empty((len(firsts), 2, 2)), labels[firsts]
+    scales, epsilon, min_samples, power, directed, keep = settings
+    measures, points = measure(endpoints, scales, directed)
+    check(points, scores, epsilon)
+    clusters = cluster_neighbors(points, epsilon, min_samples)
+    return merge((endpoints, scores, labels, probabilities), measures, clusters, (power, directed, keep))
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def merge(segments, measures, clusters, settings):
+    """Gives the segments of `suppress`, given the cluster of each segment and how many there are."""
+    endpoints, scores, labels, probabilities = segments
+    power, directed, keep = settings
+    slots, firsts, counts, peaks = _assign(measures, clusters, scores, keep)
+    merged, chosen = np.empty((len(firsts), 2, 2)), np.empty(len(firsts), np.int64)
     means, odds = np.zeros((len(firsts), 6)), np.zeros((len(firsts), probabilities.shape[1]))
     voted = False
+    for s in range(len(firsts)):
+        chosen[s] = labels[firsts[s]]
     for i in range(len(slots)):
         s = slots[i]
         if s < 0:
@@ -91,21 +101,32 @@ def suppress(endpoints, scores, labels, probabilities, settings):
         for k in range(odds.shape[1]):
             odds[s, k] += weight * probabilities[i, k]
     for s in range(len(firsts)):
-        if counts[s] == 1:
-            for e in range(2):
-                for k in range(2):
-                    merged[s, e, k] = endpoints[firsts[s], e, k]
-        else:
+        if counts[s] > 1:
             _draw(means, s, directed, merged)
-        if odds.shape[1]:
-            odds[s] /= means[s, 5]
-            chosen[s] = np.argmax(odds[s])
+            continue
+        for k in range(4):
+            merged[s, k >> 1, k & 1] = endpoints[firsts[s], k >> 1, k & 1]
+    if odds.shape[1]:
+        _decide(means, odds, chosen)
     return merged, peaks, chosen, odds, voted
 
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def _check(points, scores, epsilon):
+def _decide(sums, odds, chosen):
+    """Turns sums of probabilities into means, and chooses the most probable label."""
+    for s in range(len(odds)):
+        chosen[s] = 0
+        for k in range(odds.shape[1]):
+            odds[s, k] /= sums[s, 5]
+            if odds[s, k] > odds[s, chosen[s]]:
+                chosen[s] = k
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def check(points, scores, epsilon):
+    """Raises a ValueError if a number is not finite, a score is negative, or points are too far apart."""
     total = lowest = 0.0
     for i in range(len(points)):
         total += abs(points[i, 0]) + abs(points[i, 1]) + points[i, 2] + scores[i]
@@ -122,12 +143,13 @@ def _check(points, scores, epsilon):
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def _assign(measures, groups, count, scores, keep):
+def _assign(measures, clusters, scores, keep):
     """Gives the merged segment of each segment (-1: none), and the first, number and best score of each.
 
     A cluster gives one, or a second for the members that point against its best; a segment in no cluster
     its own.
     """
+    groups, count = clusters
     n = len(groups)
     best = np.full(count, -1, np.int64)
     for i in range(n):

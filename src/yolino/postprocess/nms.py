@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 import numpy as np
 from jaxtyping import Float, Int
 
-from yolino.postprocess.clustering import dbscan
-from yolino.postprocess.inputs import segment_arrays
-from yolino.postprocess.merging import measure, powers, suppress
+from yolino.postprocess.clustering import cluster, dbscan
+from yolino.postprocess.inputs import SegmentArrays, check_not_negative, check_positive, segment_arrays
+from yolino.postprocess.merging import check, measure, merge, powers, suppress
 from yolino.postprocess.outlines import class_votes
 from yolino.types import Segments
 
@@ -94,34 +96,42 @@ class NMS:
         direction_weight: float = 0.05,
         score_power: float = 10.0,
     ) -> None:
-        for name, value in (("cell_size", cell_size), ("epsilon", epsilon), ("min_samples", min_samples)):
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} is {value}, but a finite number above 0 is needed.")
-        scales = (midpoint_weight, length_weight, direction_weight, score_power)
-        if not all(np.isfinite(s) and s >= 0 for s in scales):
-            raise ValueError(
-                f"The weights and score_power are {scales}, but finite numbers from 0 on are needed."
-            )
+        check_positive(cell_size=cell_size, epsilon=epsilon, min_samples=min_samples)
+        check_not_negative(midpoint_weight=midpoint_weight, length_weight=length_weight)
+        check_not_negative(direction_weight=direction_weight, score_power=score_power)
         self._scales = _scales(cell_size, midpoint_weight, length_weight, direction_weight, directed)
-        numbers = (float(epsilon), int(min_samples), float(score_power))
-        self._settings = (*self._scales, *numbers, bool(weighted), bool(directed), bool(keep_singletons))
+        self._clustering = (float(epsilon), int(min_samples))
+        self._merging = (float(score_power), bool(directed), bool(keep_singletons))
+        self._weighted = bool(weighted)
 
     def __call__(self, segments: Segments) -> Segments:
         """Gives the merged segments, in the pixels of `segments`."""
         if len(segments) == 0:
             return segments
         arrays = segment_arrays(segments)
-        endpoints, scores, labels, odds, voted = suppress(*arrays, self._settings)
+        endpoints, scores, labels, odds, voted = self._merge(arrays)
         if segments.probabilities is not None:
             return Segments(endpoints, scores, labels, odds)
         if voted:
             names, votes = class_votes(arrays.labels, arrays.probabilities)
-            labels = names[suppress(*arrays[:3], votes, self._settings)[2]]
+            labels = names[self._merge(arrays._replace(probabilities=votes))[2]]
         return Segments(endpoints, scores, labels)
 
     def clusters(self, segments: Segments) -> Int[np.ndarray, " n"]:
         """Gives the cluster of each segment as DBSCAN finds it, -1 for none."""
-        *_, epsilon, min_samples, power, weighted, directed, _ = self._settings
         endpoints, scores, *_ = segment_arrays(segments)
-        points = measure(endpoints, self._scales, directed)[1]
-        return dbscan(points, epsilon, min_samples, powers(scores, power) if weighted else None)
+        points = measure(endpoints, self._scales, self._merging[1])[1]
+        return dbscan(points, *self._clustering, powers(scores, self._merging[0]) if self._weighted else None)
+
+    def _merge(self, arrays: SegmentArrays) -> tuple[Any, ...]:
+        """Gives endpoints, scores, labels, probabilities, and whether labels of one cluster differ."""
+        epsilon, min_samples = self._clustering
+        if not self._weighted and min_samples <= 2:  # one kernel for the usual case
+            return cast(
+                tuple[Any, ...], suppress(*arrays, (self._scales, epsilon, min_samples, *self._merging))
+            )
+        measures, points = measure(arrays.endpoints, self._scales, self._merging[1])
+        check(points, arrays.scores, epsilon)
+        weights = powers(arrays.scores, self._merging[0]) if self._weighted else np.empty(0)
+        clusters = cluster(points, epsilon, min_samples, weights)
+        return cast(tuple[Any, ...], merge(tuple(arrays), measures, clusters, self._merging))

@@ -90,7 +90,9 @@ def outline(chains, endpoints, scores, votes):
             for k in range(votes.shape[1]):
                 shares[k] += scores[p] * length * votes[p, k]
         means[c] /= max(total, arcs[c])
-        winners[c] = np.argmax(shares)
+        for k in range(votes.shape[1]):
+            if shares[k] > shares[winners[c]]:
+                winners[c] = k
     return points[:filled], starts, arcs, means, winners
 
 

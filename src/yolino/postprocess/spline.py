@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import cast, no_type_check
 
 import numpy as np
@@ -10,6 +9,8 @@ from jaxtyping import Float
 from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import splprep
+
+from yolino.postprocess.inputs import check_not_negative, check_positive
 
 _WINDOW, _OVERLAP = 64, 16  # points
 _Fit = tuple[NDArray[np.float64], list[NDArray[np.float64]], int]
@@ -33,10 +34,8 @@ class SmoothingSpline:
     """
 
     def __init__(self, smoothing: float = 0.05, spacing: float = 0.5, *, degree: int = 3) -> None:
-        if not (math.isfinite(smoothing) and smoothing >= 0):
-            raise ValueError(f"smoothing is {smoothing}, but a finite number from 0 on is needed.")
-        if not (math.isfinite(spacing) and spacing > 0):
-            raise ValueError(f"spacing is {spacing}, but a finite distance above 0 is needed.")
+        check_not_negative(smoothing=smoothing)
+        check_positive(spacing=spacing)
         if degree not in (1, 2, 3, 4, 5):
             raise ValueError(f"degree is {degree}, but 1, 2, 3, 4 or 5 is needed.")
         self._smoothing, self._spacing, self._degree = float(smoothing), float(spacing), int(degree)

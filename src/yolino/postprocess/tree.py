@@ -9,9 +9,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from yolino.postprocess.forest import average_levels, cut_branches, cut_cycles, find_successors, leaves_first
-from yolino.postprocess.inputs import check_segments, segment_arrays
-from yolino.postprocess.links import canonical_order
+from yolino.postprocess.inputs import check_not_negative, check_positive, check_segments, segment_arrays
 from yolino.postprocess.outlines import class_votes, outline, smooth_outlines
+from yolino.postprocess.sorting import sort_segments
 from yolino.postprocess.spline import SmoothingSpline
 from yolino.types import Polylines, Segments
 
@@ -75,7 +75,7 @@ class TreeLinker:
         *,
         directed: bool = True,
         successor_radius_cells: float = 0.75,
-        branch_radius_cells: float = 0.5,
+        branch_radius_cells: float = 0.75,
         max_downward_cells: float | None = 0.25,
         image_height: float | None = None,
         min_segments: int = 1,
@@ -83,13 +83,10 @@ class TreeLinker:
         min_score: float = 0.0,
         smoothing: float = 0.05,
     ) -> None:
-        for name, value in (("cell_size", cell_size), ("successor_radius_cells", successor_radius_cells)):
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} is {value}, but a finite length above 0 is needed.")
-        if not (np.isfinite(branch_radius_cells) and branch_radius_cells >= 0):
-            raise ValueError(
-                f"branch_radius_cells is {branch_radius_cells}, but a finite length from 0 on is needed."
-            )
+        check_positive(cell_size=cell_size, successor_radius_cells=successor_radius_cells)
+        check_not_negative(branch_radius_cells=branch_radius_cells, min_segments=min_segments)
+        check_not_negative(min_length_cells=min_length_cells, min_score=min_score)
+        check_not_negative(max_downward_cells=max_downward_cells or 0.0, image_height=image_height or 0.0)
         self._cell_size = float(cell_size)
         self._directed = bool(directed)
         self._steepest = np.inf if max_downward_cells is None else float(max_downward_cells)
@@ -136,8 +133,7 @@ def _turn_upwards(endpoints: NDArray[np.float64]) -> NDArray[np.float64]:
 def _link(segments, radii, lowest):
     """Gives the outlines of the trees in cell units, their levels, and the numbers of cycles and branches."""
     endpoints, scores, labels, votes = segments
-    order = canonical_order(endpoints, scores, labels)
-    endpoints, scores, votes = endpoints[order], scores[order], votes[order]
+    endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes)
     successors, gaps = find_successors(endpoints, radii[0], lowest)
     cycles = cut_cycles(successors, gaps)
     order = leaves_first(successors)
