@@ -274,7 +274,7 @@ def test_a_full_disk_leaves_the_old_file(
 
     monkeypatch.setattr(os, failing, full)
     with pytest.raises(
-        OSError, match=r"a\.txt cannot be written: No space left on device\. Nothing was changed"
+        OSError, match=r"a\.txt cannot be written: No space left on device\. What was there before"
     ):
         write_atomic(path, "new")
     assert path.read_text() == "old"

@@ -116,7 +116,9 @@ def write_atomic(path: str | Path, data: bytes | str) -> None:
             temporary.unlink(missing_ok=True)
             raise
     except OSError as error:
-        raise OSError(f"{path} cannot be written: {error.strerror or error}. Nothing was changed.") from None
+        raise OSError(
+            f"{path} cannot be written: {error.strerror or error}. What was there before is as it was."
+        ) from None
 
 
 def write_image(path: str | Path, image: UInt8[np.ndarray, "h w 3"]) -> None:

@@ -33,7 +33,7 @@ def test_runs_hold_the_points_in_the_cells_around(seed: int, n: int, extent: flo
 def test_keys_of_any_size_are_sorted(seed: int, n: int, bits: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.integers(0, 2 ** min(bits // 2, 29) + 1, (n, 2)).astype(float)
-    _, order, keys, columns = sort_points(points, 0.9)
+    _, order, keys, _ = sort_points(points, 0.9)
     expected = np.sort(keys)
     np.testing.assert_array_equal(keys, expected)
     ties = np.diff(keys) == 0

@@ -213,7 +213,12 @@ def test_input_is_left_as_it_is(name: str, noisy: Callable[[int, int], Segments]
 @linkers
 @pytest.mark.parametrize(
     ("endpoint", "score", "message"),
-    [(np.nan, 1.0, "NaN or infinity"), (1.0, np.inf, "NaN or infinity"), (1.0, -1.0, "at least 0")],
+    [
+        (np.nan, 1.0, "NaN or infinity"),
+        (1.0, np.inf, "NaN or infinity"),
+        (1.0, -1.0, "at least 0"),
+        (1e9, 1.0, "farther than"),
+    ],
 )
 def test_bad_segments_are_named(name: str, endpoint: float, score: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):

@@ -66,7 +66,9 @@ class TestRuns:
         for name, tensor in whole.items():
             assert torch.equal(tensor, again[name]), f"{name} differs between two runs with one seed"
 
-    def test_a_kill_between_two_checkpoints_costs_nothing_but_time(self, config, tmp_path, monkeypatch):
+    def test_a_kill_between_two_checkpoints_costs_nothing_but_time(
+        self, config, tmp_path, monkeypatch, caplog
+    ):
         whole = run(config, tmp_path / "whole")
 
         from yolino.training.module import TrainingModule
@@ -84,7 +86,11 @@ class TestRuns:
             with pytest.raises((KeyboardInterrupt, SystemExit)):
                 train(config, [f"out={tmp_path / 'killed'}"], progress=False)
         assert not list((tmp_path / "killed").rglob("*.part"))
+        assert "the same command goes on from" in caplog.text
         resumed = run(config, tmp_path / "killed")
+        assert (
+            len(list((tmp_path / "killed").rglob("metrics.csv"))) == 2
+        )  # the history before the kill is kept
         for name, tensor in whole.items():
             torch.testing.assert_close(tensor, resumed[name], msg=f"{name} differs after the kill")
 
@@ -125,7 +131,7 @@ class TestRuns:
             == 0.35
         )
         assert set(load_file(tmp_path / "tiny" / "best.safetensors"))
-        rows = list(csv.DictReader((tmp_path / "tiny" / "csv" / "metrics.csv").open()))
+        rows = list(csv.DictReader(next((tmp_path / "tiny" / "csv").rglob("metrics.csv")).open()))
         assert any(row["val/f1"] for row in rows)
         assert list((tmp_path / "tiny" / "tensorboard").iterdir())
 

@@ -12,6 +12,9 @@ from yolino.types import Segments
 
 _NO_CLASSES = np.empty((0, 0))
 
+# Pixels. A polyline out there would have millions of vertices.
+FARTHEST = 1e7
+
 
 class SegmentArrays(NamedTuple):
     """The fields of `Segments`, writable and in C order: numba compiles a kernel anew for every other kind.
@@ -48,18 +51,22 @@ def check_segments(segments: Segments) -> None:
     """Raises a ValueError if end points or scores are not finite, or a score is negative."""
     if not (np.isfinite(segments.endpoints).all() and np.isfinite(segments.scores).all()):
         raise ValueError("endpoints or scores hold NaN or infinity; drop those segments first.")
+    if np.abs(segments.endpoints).max(initial=0.0) > FARTHEST:
+        raise ValueError(
+            f"endpoints lie farther than {FARTHEST:.0e} pixels from the origin; drop those segments first."
+        )
     if segments.scores.min(initial=0.0) < 0:
         raise ValueError("scores must be at least 0; drop the other segments first.")
 
 
-def check_positive(**numbers: float) -> None:
+def check_positive(**numbers: float | int) -> None:
     """Raises a ValueError that names the first number which is not finite and above 0."""
     for name, value in numbers.items():
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} is {value}, but a finite number above 0 is needed.")
 
 
-def check_not_negative(**numbers: float) -> None:
+def check_not_negative(**numbers: float | int) -> None:
     """Raises a ValueError that names the first number which is not finite or below 0."""
     for name, value in numbers.items():
         if not (math.isfinite(value) and value >= 0):

@@ -57,8 +57,8 @@ def outline(chains, endpoints, scores, votes):
     """Gives the points of polylines: midpoints and both outer end points of each chain (paper, appendix).
 
     Also: where the points of each begin, their length, the score and the column of `votes` that wins. The
-        score is the mean of the segments' scores by length, where gaps count as zero. Midpoints that do not
-        lie ahead are left out.
+    score is the mean of the segments' scores by length, where gaps count as zero. Midpoints that do not lie
+    ahead are left out.
 
     Args:
         chains: Offsets of the chains in the other arrays, and whether each is a ring.

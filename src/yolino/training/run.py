@@ -111,7 +111,7 @@ def build_trainer(
         every.append(TQDMProgressBar())
     loggers = [
         TensorBoardLogger(folder, name="", version="tensorboard"),
-        CSVLogger(folder, name="", version="csv"),
+        CSVLogger(folder, name="csv"),
     ]
     return Trainer(
         max_steps=training.steps,
@@ -175,7 +175,12 @@ def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool =
         warnings.filterwarnings("ignore", ".*treespec, LeafSpec.*")
         warnings.filterwarnings("ignore", ".*does not have many workers.*")
         warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
-        trainer.fit(module, loader, val_loader, ckpt_path=str(last) if last.is_file() else None)
+        try:
+            trainer.fit(module, loader, val_loader, ckpt_path=str(last) if last.is_file() else None)
+        except (KeyboardInterrupt, SystemExit):  # Lightning turns the first into the second
+            kept = f"goes on from {last}" if last.is_file() else "begins anew: nothing was validated yet"
+            logger.warning("stopped at step %d; the same command %s", trainer.global_step, kept)
+            raise
     return folder / BEST
 
 
