@@ -179,7 +179,7 @@ def test_every_representation_overfits_four_images(name):
     criterion = Criterion(network.representation)
     optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
     first = criterion(network(batch.images.float()), batch.targets)[0]
-    for _ in range(150):
+    for _ in range(300):
         losses, _ = criterion(network(batch.images.float()), batch.targets)
         optimizer.zero_grad()
         losses.total.backward()
