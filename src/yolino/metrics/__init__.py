@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from yolino.metrics.bootstrap import bootstrap_intervals
 from yolino.metrics.classes import ClassMetric
-from yolino.metrics.metric import Metric
+from yolino.metrics.metric import Metric, SumMetric
 from yolino.metrics.points import PointMatch, PointMetric, match_points
 from yolino.metrics.samples import Samples, sample_lines
 from yolino.metrics.tusimple import TuSimpleMetric, TuSimpleScore, score_files, score_image
@@ -22,6 +22,7 @@ __all__ = [
     "PointMatch",
     "PointMetric",
     "Samples",
+    "SumMetric",
     "TuSimpleMetric",
     "TuSimpleScore",
     "bootstrap_intervals",

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from yolino.metrics.metric import Lines, Metric
+from yolino.metrics.metric import Lines, SumMetric
 from yolino.metrics.points import PointMetric
 
 
-class ClassMetric(Metric):
+class ClassMetric(SumMetric):
     """Class accuracy over the sample pairs of `match_points`, over many images, with its confusion matrix.
 
     Lines that were not found do not count: `PointMetric` counts those. Where no sample was found the accuracy

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import NDArray
 
-from yolino.metrics.metric import Lines, Metric
+from yolino.metrics.metric import Lines, SumMetric
 from yolino.metrics.nearest import nearest_samples, pair_samples
 from yolino.metrics.samples import Samples, sample_lines
 
@@ -114,7 +114,7 @@ def match_points(
     return PointMatch(found, wanted, pairs, distances[rows], radius)
 
 
-class PointMetric(Metric):
+class PointMetric(SumMetric):
     """Precision, recall and F1 of sampled lines over many images, micro-averaged (sums of samples).
 
     A ratio without a denominator is 1 if there is neither prediction nor ground truth, else 0.

@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike, NDArray
 
-from yolino.metrics.metric import Lines, Metric
+from yolino.metrics.metric import Lines, SumMetric
 from yolino.types import Polylines
 
 Lanes = Sequence[ArrayLike] | NDArray[np.float64]
@@ -132,7 +132,7 @@ def score_files(predictions_path: str | Path, labels_path: str | Path) -> dict[s
     return metric.compute()
 
 
-class TuSimpleMetric(Metric):
+class TuSimpleMetric(SumMetric):
     """The official TuSimple scores over many images: `accuracy`, `fp`, `fn`, and the unofficial `fn_strict`.
 
     `update_lanes` is the benchmark itself. `update` takes any polylines at rows of its own and serves where
