@@ -118,7 +118,7 @@ class _Scores:
 
     def _add_tusimple(self, index: int, sample: Sample, polylines: Polylines, size: tuple[int, int]) -> None:
         if isinstance(self.dataset, TuSimple):
-            label, taken = self.dataset.records[index], round(self.milliseconds[-1], 3)
+            label, taken = self.dataset.record(index), round(self.milliseconds[-1], 3)
             rows = label["h_samples"]
             record = polylines_to_record(label["raw_file"], polylines, rows, size=size, run_time=taken)
             self.tusimple.update_lanes(record["lanes"], label["lanes"], rows)

@@ -248,12 +248,14 @@ class Sample:
         image: The RGB pixels, or the file that holds them.
         polylines: The labels in image pixels.
         ignore: Polygons `(v, 2)` in pixels inside which nothing is labelled: neither trained nor scored.
+        size: `(height, width)` of the image as the labels state it; None where they do not.
     """
 
     name: str
     image: Path | NDArray[np.uint8]
     polylines: Polylines
-    ignore: Sequence[Float[np.ndarray, "v 2"]] = ()
+    ignore: Sequence[Float[np.ndarray, "_ 2"]] = ()
+    size: tuple[int, int] | None = None
 
 
 __all__ = ["CellSegments", "Floats", "Index", "Ints", "Output", "Polylines", "Sample", "Segments"]

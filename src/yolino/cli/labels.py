@@ -53,7 +53,7 @@ def open_dataset(
     if missing := [key for key in required if key not in arguments]:
         raise ValueError(f"The dataset {name!r} needs --{' and --'.join(missing)}.")
     dataset = DATASETS[name](**arguments)
-    if classes and isinstance(dataset, TuSimple) and all("classes" in record for record in dataset.records):
+    if classes and isinstance(dataset, TuSimple) and dataset.has_classes:
         return TuSimple(**{**arguments, "classes": True})
     return dataset
 

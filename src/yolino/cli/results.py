@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import UInt8
 
-from yolino.datasets.tusimple import Record, polylines_to_record, write_records
+from yolino.datasets.tusimple import Record, benchmark_rows, polylines_to_record, write_records
 from yolino.inference import Predictor
 from yolino.io import FORMATS, Result, read_image, write_atomic, write_image
 from yolino.viz import draw_polylines
@@ -122,11 +122,10 @@ def summary(found: list[Found], out: Path) -> str:
 def _submission(found: Found) -> Record:
     """Gives the submission record; the rows are the benchmark's, scaled for other heights than 720."""
     height = found.result.size[0]
-    rows = [row * height / 720 for row in range(160, 720, 10)]
     return polylines_to_record(
         _raw_file(found.path),
         found.result.polylines,
-        [int(row) if row.is_integer() else row for row in rows],
+        benchmark_rows(height),
         size=found.result.size,
         run_time=round(found.milliseconds, 3),
     )

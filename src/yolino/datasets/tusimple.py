@@ -1,216 +1,163 @@
-"""The TuSimple lane benchmark: labels to samples, polylines to its submission records.
+"""The TuSimple lane benchmark: labels to samples, polylines to its records.
 
 A record is one line of a label or submission file: `{"raw_file": "clips/.../20.jpg", "lanes": [[x, ...],
 ...], "h_samples": [y, ...]}`. `lanes` holds one x for each row of `h_samples`, -2 where a lane has none.
-These numbers count pixels: x = 3 at row 7 is the fourth pixel of the eighth row, and its center is the
-point (3.5, 7.5) of the house's frame. So reading adds half a pixel to both coordinates, and writing takes
-it off again.
-
-Rows run from top to bottom in the files; polylines run from bottom to top, the driving direction. Rows
-without x inside a lane are bridged: the polyline runs straight through the gap.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from yolino.datasets.tusimple_records import Record, located_records, read_records, write_records
-from yolino.geometry import cumulative_length
-from yolino.types import Polylines, Sample
-
-CLASSES = (
-    "continuous yellow",
-    "continuous white",
-    "dashed",
-    "double dashed",
-    "Botts' dots",
-    "double continuous yellow",
-    "unknown",
+from yolino.datasets.annotation import Annotation, LabelError
+from yolino.datasets.files import FileDataset, Names
+from yolino.datasets.tusimple_lanes import (
+    CLASSES,
+    class_labels,
+    polylines_to_record,
+    record_to_polylines,
 )
-NONE = -2
-_HALF = 0.5
+from yolino.datasets.tusimple_records import Record, located_records, read_records, write_records
+from yolino.datasets.writing import Writer
+from yolino.types import Sample
 
 
-class TuSimple:
-    """Frames and lane boundaries of the TuSimple benchmark, in the layout that it publishes.
+class TuSimpleWriter(Writer):
+    """Writes the records of the benchmark: the x of each polyline at the rows of its frames.
 
-    Attributes:
-        records: The label records in the order of the files, for the official metric.
-        classes: Names of the labels.
-        directed: True: lanes run in driving direction.
+    Args:
+        out: The folder.
+        classes: Names of the classes; written as ids where all are among `CLASSES`.
+        directed: Not written: lanes run from bottom to top.
+        file: Name of the file.
     """
 
-    directed = True
+    loses = ("classes", "directions", "ignored regions", "scores", "sizes", "vertices between the rows")
+
+    def __init__(
+        self, out: Path, *, classes: Sequence[str] = (), directed: bool = True, file: str = "label_data.json"
+    ) -> None:
+        super().__init__(out, classes=classes, directed=directed)
+        self._path, self._records = out / file, list[Record]()
+
+    def add(self, sample: Sample) -> None:
+        """Takes one image."""
+        if sample.size is None:
+            raise ValueError(f"The size of {sample.name} is unknown: the benchmark's rows depend on it.")
+        rows = benchmark_rows(sample.size[0])
+        record = polylines_to_record(
+            sample.name, sample.polylines, rows, size=sample.size, classes=self.classes
+        )
+        self._records.append(record)
+
+    def close(self) -> None:
+        """Writes the file."""
+        write_records(self._path, self._records)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lanes(Annotation):
+    """An annotation with the columns and rows of its record, for the official metric."""
+
+    columns: Float[np.ndarray, "n r"] = field(default_factory=lambda: np.zeros((0, 0)))
+    rows: Float[np.ndarray, " r"] = field(default_factory=lambda: np.zeros(0))
+    ids: str | None = None
+
+
+class TuSimple(FileDataset):
+    """Frames and lane boundaries of the TuSimple benchmark, in the layout that it publishes.
+
+    Args:
+        root: Folder that `raw_file` starts from.
+        labels: Label files, absolute or below `root`; None: `label_data*.json` in `root`.
+        classes: Whether to use the ids in `classes` (id 1 is the first of `CLASSES`), or which of their names
+            to take; otherwise all lanes are of the class `lane`.
+        options: The other arguments of `FileDataset`.
+
+    Attributes:
+        has_classes: Whether every record names the classes of its lanes.
+    """
+
+    patterns = ("label_data*.json",)
+    default_class = "lane"
+    writer = TuSimpleWriter
 
     def __init__(
         self,
         root: str | Path,
-        labels: str | Path | Sequence[str | Path] | None = None,
+        labels: Names | None = None,
         *,
-        classes: bool = False,
-        require_images: bool = True,
+        classes: bool | Sequence[str] | Mapping[str, str] | None = None,
+        **options: Any,
     ) -> None:
-        """Reads the labels.
+        self._by_class = classes not in (None, False, ["lane"], ("lane",))
+        chosen = None if isinstance(classes, bool) else classes
+        super().__init__(root, labels, classes=chosen, **options)
+        self.has_classes = all(isinstance(one, _Lanes) and one.ids is not None for one in self.annotations)
 
-        Args:
-            root: Folder that `raw_file` starts from.
-            labels: Label files, absolute or below `root`; without any, `label_data_*.json` in `root`.
-            classes: Whether to use the ids in `classes` (id 1 is label 0); otherwise all lanes are label 0.
-            require_images: Whether to raise where an image is missing.
+    def read(self, path: Path) -> Iterator[Annotation | LabelError]:
+        """Yields an annotation for each record."""
+        for where, record in located_records(path):
+            if isinstance(record, LabelError):
+                yield record
+                continue
+            try:
+                yield self._annotation(record, where)
+            except LabelError as error:
+                yield error
 
-        Raises:
-            FileNotFoundError: The root, a label file or an image does not exist.
-            ValueError: A label file is empty or has a line that is no valid record; the message names both.
-        """
-        self.root = Path(root)
-        self.classes: tuple[str, ...] = CLASSES if classes else ("lane",)
-        self.records: list[Record] = []
-        self._labels: list[list[int]] = []
-        for path in _label_files(self.root, labels):
-            for where, record in located_records(path):
-                lane_labels = _class_labels(record, where) if classes else [0] * len(record["lanes"])
-                if require_images and not (self.root / record["raw_file"]).is_file():
-                    raise FileNotFoundError(
-                        f"{where} names the image {self.root / record['raw_file']}, which does not exist."
-                    )
-                self.records.append(record)
-                self._labels.append(lane_labels)
+    def _annotation(self, record: Record, where: str) -> Annotation:
+        count = len(record["lanes"])
+        labels = class_labels(record, where) if self._by_class else [0] * count
+        names = CLASSES if self._by_class else (self.default_class,)
+        lanes = record_to_polylines(record, labels)
+        rows = np.array(record["h_samples"], np.float64)
+        columns = np.array(record["lanes"], np.float64).reshape(count, len(rows))
+        return _Lanes(
+            record["raw_file"],
+            where,
+            tuple(lanes),
+            tuple(names[label] for label in lanes.labels),
+            columns=columns,
+            rows=rows,
+            ids=record.get("classes"),
+        )
 
-    def __len__(self) -> int:
-        return len(self.records)
+    def found_classes(self) -> tuple[str, ...]:
+        """Gives all classes of the benchmark's extension, or the one."""
+        return CLASSES if self._by_class else (self.default_class,)
 
-    def __getitem__(self, index: int) -> Sample:
-        record = self.records[index]
-        polylines = record_to_polylines(record, self._labels[index])
-        return Sample(record["raw_file"], self.root / record["raw_file"], polylines)
-
-    def __iter__(self) -> Iterator[Sample]:
-        return (self[i] for i in range(len(self)))
-
-
-def record_to_polylines(record: Record, labels: Sequence[int] | None = None) -> Polylines:
-    """Gives the lanes of a record in image pixels, bottom to top; lanes without any x are left out.
-
-    A negative x is none, as in the official evaluation.
-
-    Args:
-        record: A valid record.
-        labels: Label of each lane of the record; 0 without.
-    """
-    rows = np.asarray(record["h_samples"], np.float64)
-    upwards = np.argsort(-rows, kind="stable")
-    lines, chosen = [], []
-    for i, lane in enumerate(record["lanes"]):
-        x = np.asarray(lane, np.float64)[upwards]
-        there = x >= 0
-        if there.any():
-            lines.append(np.stack([x[there], rows[upwards][there]], axis=1) + _HALF)
-            chosen.append(0 if labels is None else labels[i])
-    return Polylines.from_list(lines, labels=chosen)
+    def record(self, index: int) -> Record:
+        """Gives the label record of a sample, for the official metric."""
+        one = self.annotations[index]
+        assert isinstance(one, _Lanes)
+        lanes = [[_number(x) for x in lane] for lane in one.columns.tolist()]
+        record = Record(raw_file=one.image, lanes=lanes, h_samples=[_number(y) for y in one.rows.tolist()])
+        if one.ids is not None:
+            record["classes"] = one.ids
+        return record
 
 
-def polylines_to_record(
-    raw_file: str,
-    polylines: Polylines,
-    h_samples: Sequence[int | float],
-    *,
-    size: tuple[int, int] = (720, 1280),
-    run_time: float = 0.0,
-    extend_px: float = 0.0,
-) -> Record:
-    """Gives the record of the polylines of one image: their x at the center of each row of `h_samples`.
-
-    A polyline is walked from its lower end. Where it crosses a row several times, the first crossing
-    counts. A row that it does not cross has none, and so has one where it lies outside the image. Polylines
-    without any x are left out.
-
-    Args:
-        raw_file: Name of the image below the root.
-        polylines: Polylines in pixels of the original image.
-        h_samples: The rows, as in the label file.
-        size: `(height, width)` of the image in pixels.
-        run_time: Time to find the polylines, in milliseconds.
-        extend_px: Length by which both ends are continued straight on, in pixels.
-
-    Raises:
-        ValueError: A vertex is NaN or infinite.
-    """
-    if not np.isfinite(polylines.vertices).all():
-        raise ValueError(f"a polyline of {raw_file} has a vertex that is not finite: remove it.")
-    rows = np.asarray(h_samples, np.float64)
-    lanes = []
-    for vertices in polylines:
-        if len(vertices) == 0:
-            continue
-        upwards = vertices if vertices[0, 1] >= vertices[-1, 1] else vertices[::-1]
-        columns = _crossings(_extend(upwards, extend_px), rows + _HALF) - _HALF
-        inside = (columns >= -_HALF) & (columns <= size[1] - _HALF)
-        if inside.any():
-            # The first half pixel of a row would be negative, which the benchmark takes for none.
-            lanes.append(np.where(inside, np.maximum(columns, 0.0), NONE).round(3).tolist())
-    return Record(raw_file=raw_file, lanes=lanes, h_samples=list(h_samples), run_time=float(run_time))
+def _number(value: float) -> int | float:
+    return int(value) if value.is_integer() else value
 
 
-def _extend(vertices: Float[np.ndarray, "v 2"], length: float) -> Float[np.ndarray, "w 2"]:
-    """Gives the polyline with both ends continued straight on by `length` pixels."""
-    if length <= 0 or cumulative_length(vertices)[-1] == 0:
-        return vertices
-    moved = np.append(True, (np.diff(vertices, axis=0) != 0).any(axis=1))
-    vertices = vertices[moved]
-    out = vertices[[0, -1]] - vertices[[1, -2]]
-    ends = vertices[[0, -1]] + out * (length / np.hypot(out[:, :1], out[:, 1:]))
-    return np.concatenate([ends[:1], vertices, ends[1:]])
-
-
-def _crossings(vertices: Float[np.ndarray, "v 2"], rows: Float[np.ndarray, " r"]) -> Float[np.ndarray, " r"]:
-    """Gives the x where the polyline first crosses each row (y in pixels), NaN where it does not."""
-    if len(vertices) == 1:
-        vertices = np.repeat(vertices, 2, axis=0)
-    start, end = vertices[:-1], vertices[1:]
-    low, high = np.minimum(start[:, 1], end[:, 1]), np.maximum(start[:, 1], end[:, 1])
-    crosses = (low[:, None] <= rows) & (rows <= high[:, None])
-    first = crosses.argmax(axis=0)
-    rise = (end - start)[first, 1]
-    t = np.where(rise == 0, 0.0, (rows - start[first, 1]) / np.where(rise == 0, 1.0, rise))
-    # Weighted so that both ends of a piece are met exactly: reading and writing labels is the identity.
-    x = start[first, 0] * (1 - t) + end[first, 0] * t
-    return np.where(crosses.any(axis=0), x, np.nan)
-
-
-def _label_files(root: Path, labels: str | Path | Sequence[str | Path] | None) -> list[Path]:
-    if not root.is_dir():
-        raise FileNotFoundError(f"There is no folder {root}: give the folder of the label files.")
-    if labels is None:
-        found = sorted(root.glob("label_data_*.json"))
-        if not found:
-            raise FileNotFoundError(f"There is no label_data_*.json in {root}: name the label files.")
-        return found
-    names = [labels] if isinstance(labels, str | Path) else labels
-    if not names:
-        raise ValueError("The list of label files is empty: name one, or give None for label_data_*.json.")
-    return [Path(name) if Path(name).is_file() else root / name for name in names]
-
-
-def _class_labels(record: Record, where: str) -> list[int]:
-    if "classes" not in record:
-        raise ValueError(f"{where} has no classes: use labels extended with them, or read without classes.")
-    ids = str(record["classes"]).split()
-    if len(ids) != len(record["lanes"]):
-        raise ValueError(f"{where} has {len(ids)} classes for {len(record['lanes'])} lanes.")
-    wrong = [i for i in ids if not i.isdecimal() or not 1 <= int(i) <= len(CLASSES)]
-    if wrong:
-        raise ValueError(f"{where} has the class {wrong[0]!r}, but 1 to {len(CLASSES)} are allowed.")
-    return [int(i) - 1 for i in ids]
+def benchmark_rows(height: int) -> list[int | float]:
+    """Gives the rows of the benchmark's frames (160, 170, ... 710), scaled for other heights than 720."""
+    return [_number(row * height / 720) for row in range(160, 720, 10)]
 
 
 __all__ = [
     "CLASSES",
     "Record",
     "TuSimple",
+    "TuSimpleWriter",
+    "benchmark_rows",
     "polylines_to_record",
     "read_records",
     "record_to_polylines",

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict, cast
 
+from yolino.datasets.annotation import LabelError
 from yolino.io import write_atomic
 
 _LARGEST = 1e6
@@ -34,11 +35,16 @@ def read_records(path: str | Path) -> list[Record]:
         FileNotFoundError: There is no such file.
         ValueError: It is empty or has a line that is no valid record; the message names the line.
     """
-    return [record for _, record in located_records(Path(path))]
+    records = []
+    for _, record in located_records(Path(path)):
+        if isinstance(record, LabelError):
+            raise record
+        records.append(record)
+    return records
 
 
-def located_records(path: Path) -> Iterator[tuple[str, Record]]:
-    """Yields where each record stands (file and line) and the record, checked."""
+def located_records(path: Path) -> Iterator[tuple[str, Record | LabelError]]:
+    """Yields where each record stands (file and line) and the record, checked, or what is wrong with it."""
     if not path.is_file():
         raise FileNotFoundError(f"There is no label file {path}.")
     count = 0
@@ -47,9 +53,12 @@ def located_records(path: Path) -> Iterator[tuple[str, Record]]:
             if line.strip():
                 count += 1
                 where = f"{path}, line {number}"
-                yield where, _check_record(_parse(line, where), where)
+                try:
+                    yield where, _check_record(_parse(line, where), where)
+                except LabelError as error:
+                    yield where, error
     if count == 0:
-        raise ValueError(f"The label file {path} has no records: it must hold one JSON object per line.")
+        raise LabelError(str(path), "has no records, but one JSON object per line is needed")
 
 
 def write_records(path: str | Path, records: Iterable[Record]) -> None:
@@ -62,36 +71,37 @@ def _parse(line: bytes, where: str) -> Any:
         return json.loads(line)
     except (ValueError, RecursionError) as error:
         reason = error.msg if isinstance(error, json.JSONDecodeError) else type(error).__name__
-        raise ValueError(f"{where} is not valid JSON ({reason}): one JSON object is needed.") from None
+        raise LabelError(where, f"is not valid JSON ({reason}), but one JSON object is needed") from None
 
 
 def _check_record(record: Any, where: str) -> Record:
     if not isinstance(record, dict):
-        raise ValueError(f"{where} holds a {type(record).__name__}, but a JSON object is needed.")
+        raise LabelError(where, f"holds a {type(record).__name__}, but a JSON object is needed")
     missing = [key for key in ("raw_file", "lanes", "h_samples") if key not in record]
     if missing:
-        raise ValueError(f"{where} lacks {', '.join(missing)}: raw_file, lanes and h_samples are needed.")
+        raise LabelError(where, f"lacks {', '.join(missing)}, raw_file, lanes and h_samples are needed")
     if not isinstance(record["raw_file"], str) or not record["raw_file"]:
-        raise ValueError(f"{where} has raw_file {record['raw_file']!r}, but the name of an image is needed.")
+        raise LabelError(where, f"has raw_file {record['raw_file']!r}, but the name of an image is needed")
     if not isinstance(record["lanes"], list):
-        raise ValueError(f"{where} has lanes of type {type(record['lanes']).__name__}, but a list is needed.")
+        raise LabelError(where, f"has lanes of type {type(record['lanes']).__name__}, but a list is needed")
     _check_numbers(record["h_samples"], "h_samples", where)
     for i, lane in enumerate(record["lanes"]):
         _check_numbers(lane, f"lane {i}", where)
         if len(lane) != len(record["h_samples"]):
-            raise ValueError(
-                f"{where}: lane {i} has {len(lane)} values, but h_samples has {len(record['h_samples'])}: "
-                "one x for each row is needed."
+            raise LabelError(
+                f"{where}, lane {i}",
+                f"has {len(lane)} values, but h_samples has {len(record['h_samples'])}; "
+                "one x for each row is needed",
             )
     return cast(Record, record)
 
 
 def _check_numbers(values: Any, name: str, where: str) -> None:
     if not isinstance(values, list):
-        raise ValueError(f"{where}: {name} is a {type(values).__name__}, but a list of numbers is needed.")
+        raise LabelError(f"{where}, {name}", f"is a {type(values).__name__}, but a list of numbers is needed")
     for value in values:
         if type(value) not in (int, float) or not abs(value) <= _LARGEST:
-            raise ValueError(f"{where}: {name} holds {value!r}, but finite numbers of pixels are needed.")
+            raise LabelError(f"{where}, {name}", f"holds {value!r}, but finite numbers of pixels are needed")
 
 
 __all__ = ["Record", "located_records", "read_records", "write_records"]
