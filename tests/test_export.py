@@ -78,3 +78,14 @@ def test_wrong_input_is_refused(tmp_path):
         export(checkpoint(tmp_path), format="caffe")
     with pytest.raises(FileNotFoundError, match="does not exist"):
         export(tmp_path / "nothing.safetensors")
+
+
+@pytest.mark.parametrize("backbone", ["residual", "darknet19", "timm:mobilenetv4_conv_small"])
+def test_the_first_convolution_divides_by_the_deviation(tmp_path, backbone):
+    arguments = TINY["backbone_args"] if backbone == "residual" else {}
+    file = export(checkpoint(tmp_path, backbone=backbone, backbone_args=arguments))
+    graph = onnx.load(file).graph
+    kinds = [node.op_type for node in graph.node]
+    assert "Div" not in kinds[: kinds.index("Conv")]
+    read = {name for node in graph.node for name in node.input}
+    assert all(node.op_type != "Constant" or node.output[0] in read for node in graph.node)

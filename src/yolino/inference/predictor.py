@@ -132,12 +132,12 @@ class Predictor:
 def _above(output: Output, index: int, threshold: float) -> Segments:
     """Gives the segments of image `index` with at least `threshold`; only these become float64."""
     kept = np.flatnonzero(output.scores[index] >= threshold)
-    endpoints = output.endpoints[index, kept].astype(np.float64)
+    endpoints = output.endpoints[index].take(kept, axis=0).astype(np.float64)
     if not np.isfinite(endpoints).all():
         raise ValueError(
             "The network gave end points that are not finite: its file is damaged or its precision too low."
         )
-    scores = output.scores[index, kept].astype(np.float64)
+    scores = output.scores[index].take(kept).astype(np.float64)
     if output.probabilities is None:
         return Segments(endpoints, scores)
     return Segments(endpoints, scores, probabilities=output.probabilities[index, kept].astype(np.float64))
