@@ -47,7 +47,7 @@ def write_dataset(tmp_path: Path) -> Callable[..., TuSimple]:
 def test_a_perfect_model_has_perfect_scores(
     predictor: Predictor, write_dataset: Callable[..., TuSimple]
 ) -> None:
-    scores = evaluate(predictor, write_dataset(SEEN, SEEN))
+    scores = evaluate(predictor, write_dataset(SEEN, SEEN)).scores
     assert scores["accuracy"] == pytest.approx(1, abs=0.02)
     assert scores["fp"] == scores["fn"] == 0
     assert scores["images"] == 2
@@ -59,7 +59,7 @@ def test_a_perfect_model_has_perfect_scores(
 
 def test_misses_and_false_alarms_count(predictor: Predictor, write_dataset: Callable[..., TuSimple]) -> None:
     """Frame 0: one of two lines is a lane. Frame 1 is black: nothing is seen, two lanes are missed."""
-    scores = evaluate(predictor, write_dataset(SEEN[:1], SEEN, black=(1,)))
+    scores = evaluate(predictor, write_dataset(SEEN[:1], SEEN, black=(1,))).scores
     assert scores["accuracy"] == pytest.approx(0.5, abs=0.02)
     assert scores["fp"] == pytest.approx((0.5 + 0) / 2)
     assert scores["fn"] == pytest.approx((0 + 1) / 2)
@@ -70,7 +70,7 @@ def test_the_submission_file_has_the_same_scores(
     predictor: Predictor, write_dataset: Callable[..., TuSimple], tmp_path: Path
 ) -> None:
     dataset = write_dataset(SEEN[:1], SEEN, [10.0, 399.5])
-    scores = evaluate(predictor, dataset, save=tmp_path / "scores")
+    scores = evaluate(predictor, dataset, save=tmp_path / "scores").scores
     records = [
         json.loads(line) for line in (tmp_path / "scores" / "predictions.json").read_text().splitlines()
     ]
@@ -89,8 +89,8 @@ def test_a_slow_machine_is_a_warning_but_no_error_of_the_model(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr("yolino.evaluate.TIME_LIMIT_MS", 0.0)
-    scores = evaluate(predictor, write_dataset(SEEN))
+    monkeypatch.setattr("yolino.evaluate.run.TIME_LIMIT_MS", 0.0)
+    scores = evaluate(predictor, write_dataset(SEEN)).scores
     assert scores["accuracy"] > 0.95
     assert "1 of 1 images took more than 0 ms" in caplog.text
 
@@ -138,14 +138,14 @@ WHITE = np.full((64, 128, 3), 255, np.uint8)
 
 
 def test_other_datasets_are_scored_at_rows_of_their_images(predictor: Predictor) -> None:
-    scores = evaluate(predictor, InMemory(Sample("a", WHITE, lines(40.0, 88.0))))
+    scores = evaluate(predictor, InMemory(Sample("a", WHITE, lines(40.0, 88.0)))).scores
     assert scores["accuracy"] > 0.95
     assert scores["f1"] > 0.95
 
 
 def test_ignored_regions_leave_the_benchmark_out(predictor: Predictor) -> None:
     region = np.array([[70.0, 0.0], [128, 0], [128, 64], [70, 64]])
-    scores = evaluate(predictor, InMemory(Sample("a", WHITE, lines(40.0), [region])))
+    scores = evaluate(predictor, InMemory(Sample("a", WHITE, lines(40.0), [region]))).scores
     assert "accuracy" not in scores
     assert scores["precision"] > 0.95
 
@@ -154,17 +154,17 @@ def test_classes_are_compared_by_name(class_model: Path) -> None:
     """The model says that both are dashed; the dataset numbers its classes the other way round."""
     names = ("dashed", "solid")
     dataset = InMemory(Sample("a", WHITE, lines(40.0, 88.0, labels=[0, 1])), classes=names)
-    assert evaluate(load(class_model), dataset)["class_accuracy"] == pytest.approx(0.5, abs=0.05)
+    assert evaluate(load(class_model), dataset).scores["class_accuracy"] == pytest.approx(0.5, abs=0.05)
     other = InMemory(Sample("a", WHITE, lines(40.0)), classes=("lane",))
-    assert "class_accuracy" not in evaluate(load(class_model), other)
+    assert "class_accuracy" not in evaluate(load(class_model), other).scores
 
 
 def test_direction_counts_unless_one_side_knows_none(predictor: Predictor) -> None:
     down = Polylines.from_list([[(x, 0.0), (x, 64.0)] for x in (40.0, 88.0)])
     dataset = InMemory(Sample("a", WHITE, down))
-    assert evaluate(predictor, dataset)["f1"] == 0
+    assert evaluate(predictor, dataset).scores["f1"] == 0
     dataset.directed = False
-    assert evaluate(predictor, dataset)["f1"] > 0.95
+    assert evaluate(predictor, dataset).scores["f1"] > 0.95
 
 
 def test_an_empty_dataset_is_refused(predictor: Predictor) -> None:

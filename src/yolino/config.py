@@ -186,7 +186,7 @@ def load_experiment(path: str | Path, overrides: Sequence[str] = ()) -> Experime
     try:
         return Experiment.model_validate(values)
     except ValidationError as error:
-        raise ValueError(f"{path}: {_explain(error)}") from error
+        raise ValueError(f"{path}: {explain(error, Experiment)}") from error
 
 
 def override(values: dict[str, Any], change: str) -> None:
@@ -234,13 +234,13 @@ def _keys_of(model: type[BaseModel], location: Sequence[str | int]) -> list[str]
     return list(model.model_fields)
 
 
-def _explain(error: ValidationError) -> str:
-    """Puts the first mistake into one sentence."""
+def explain(error: ValidationError, whole: type[BaseModel]) -> str:
+    """Puts the first mistake in a file of the form `whole` into one sentence."""
     mistake: Mapping[str, Any] = error.errors()[0]
     location = mistake["loc"]
     key = ".".join(map(str, location))
     if mistake["type"] == "extra_forbidden":
-        allowed = _keys_of(Experiment, location[:-1])
+        allowed = _keys_of(whole, location[:-1])
         near = difflib.get_close_matches(str(location[-1]), allowed, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}? " if near else ""
         return f"unknown key {key!r}; {hint}Allowed here: {', '.join(allowed)}."

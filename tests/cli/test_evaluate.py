@@ -59,7 +59,7 @@ def test_synthetic_data_needs_no_root(run: Run, model: Path) -> None:
     [
         (
             ["--dataset", "tusimpel", "--root", "data"],
-            "The dataset 'tusimpel' is unknown; use tusimple or synthetic",
+            "The dataset 'tusimpel' is unknown; use one of tusimple, ",
         ),
         ([], "The dataset 'tusimple' needs --root."),
         (["--root", "nowhere"], "nowhere"),

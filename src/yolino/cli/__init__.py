@@ -1,4 +1,4 @@
-"""The command line: `yolino predict | train | evaluate | export | datasets | benchmark`.
+"""The command line: `yolino predict | train | evaluate | score | export | datasets | benchmark`.
 
 Each command is one file. What a command needs is imported when it runs, so that `yolino --help` is fast and
 detecting never loads torch.
@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from yolino.cli import benchmark, datasets, evaluate, export, predict, train
+from yolino.cli import benchmark, datasets, evaluate, export, predict, score, train
 
 _MISTAKE, _BUG = 2, 3
 
@@ -47,7 +47,7 @@ def _common(
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
 
 
-for _command in (predict, train, evaluate, export, datasets, benchmark):
+for _command in (predict, train, evaluate, score, export, datasets, benchmark):
     _command.add_to(app)
 
 
@@ -82,7 +82,8 @@ def _explain(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{error.filename}: {error.strerror}."
     if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("yolino"):
-        return f"This needs the package {error.name}, which is not installed: pip install 'yolino[train]'."
+        extra = {"rasterio": "geo", "skimage": "masks", "pyarrow": "argoverse"}.get(error.name, "train")
+        return f"This needs the package {error.name}, which is not installed: pip install 'yolino[{extra}]'."
     if isinstance(error, MemoryError):
         return f"There is not enough memory. {text}".strip()
     return text or type(error).__name__

@@ -1,4 +1,7 @@
-"""`yolino datasets check | show | deviation`: what is in a dataset, and whether it is sound."""
+"""`yolino datasets check | show | deviation`: what is in a dataset, and whether it is sound.
+
+`convert` and `split`, which write datasets, are in `yolino.cli.conversion`.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from yolino.cli.options import DatasetName, Labels, More, Root
+from yolino.cli import conversion
+from yolino.cli.options import Data, DatasetName, Labels, More, Root, SkipBroken, Split
 
 if TYPE_CHECKING:
     from yolino.datasets.report import Report
@@ -37,15 +41,20 @@ Fit = Annotated[
 
 def add_to(app: typer.Typer) -> None:
     """Adds the group of commands."""
-    group = typer.Typer(help="Look at a labelled dataset.", no_args_is_help=True, epilog=EPILOG)
+    group = typer.Typer(
+        help="Look at labelled data, convert or split it.", no_args_is_help=True, epilog=EPILOG
+    )
     for command in (check, show, deviation):
         group.command(epilog=EPILOG)(command)
+    conversion.add_to(group)
     app.add_typer(group, name="datasets")
 
 
 def check(
     *,
-    dataset: DatasetName = "tusimple",
+    data: Data = None,
+    split: Split = None,
+    dataset: DatasetName = None,
     root: Root = None,
     labels: Labels = None,
     option: More = None,
@@ -55,11 +64,12 @@ def check(
     fit: Fit = "bottom",
 ) -> None:
     """Look for mistakes in images and labels, and count; exit code 2 if training would not survive them."""
-    from yolino.cli.labels import open_dataset
-    from yolino.cli.screen import report_problems, track
+    from yolino.cli.labels import Selection, open_dataset
+    from yolino.cli.screen import counted, report_problems, track
     from yolino.datasets.check import check as run
 
-    samples = open_dataset(dataset, root, labels or [], option or [], lenient=True)
+    chosen = Selection(data, split, dataset, root, labels or (), option or ())
+    samples = open_dataset(chosen, lenient=True, progress=counted("reading"))
     frame = _frame(size, fit)
     report = run(samples, stride, predictors, progress=lambda indices: track(indices, "checking"), **frame)
     _print_report(report)
@@ -97,10 +107,13 @@ def _print_report(report: Report) -> None:
 
 def show(
     *,
-    dataset: DatasetName = "tusimple",
+    data: Data = None,
+    split: Split = None,
+    dataset: DatasetName = None,
     root: Root = None,
     labels: Labels = None,
     option: More = None,
+    skip_broken: SkipBroken = False,
     count: Annotated[int, typer.Option("--count", min=1, help="Number of images, spread evenly.")] = 9,
     columns: Annotated[int, typer.Option("--columns", min=1, help="Images in a row.")] = 3,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Picture to write.")] = Path(
@@ -110,12 +123,12 @@ def show(
     """Draw the labels of some images on one sheet, colored by class."""
     import numpy as np
 
-    from yolino.cli.labels import open_dataset
+    from yolino.cli.labels import Selection, open_or_tell
     from yolino.cli.screen import track
     from yolino.io import read_image, write_image
     from yolino.viz import contact_sheet, draw_polylines
 
-    samples = open_dataset(dataset, root, labels or [], option or [])
+    samples = open_or_tell(Selection(data, split, dataset, root, labels or (), option or (), skip_broken))
     if len(samples) == 0:
         raise ValueError("The dataset has no samples: check the root and the label files.")
     chosen = np.unique(
@@ -134,20 +147,23 @@ def show(
 
 def deviation(
     *,
-    dataset: DatasetName = "tusimple",
+    data: Data = None,
+    split: Split = None,
+    dataset: DatasetName = None,
     root: Root = None,
     labels: Labels = None,
     option: More = None,
+    skip_broken: SkipBroken = False,
     stride: Strides = [32, 16, 8],  # noqa: B006 (typer reads it, nobody changes it)
     size: Size = None,
     fit: Fit = "bottom",
 ) -> None:
     """Measure how far labels move when they are cut into cells, in pixels (the paper's slicing errors)."""
-    from yolino.cli.labels import open_dataset
+    from yolino.cli.labels import Selection, open_or_tell
     from yolino.cli.screen import print_table, track
     from yolino.datasets.check import deviation_table
 
-    samples = open_dataset(dataset, root, labels or [], option or [])
+    samples = open_or_tell(Selection(data, split, dataset, root, labels or (), option or (), skip_broken))
     table = deviation_table(
         samples, stride, progress=lambda indices: track(indices, "measuring"), **_frame(size, fit)
     )

@@ -7,13 +7,31 @@ from typing import Annotated
 
 import typer
 
-from yolino.cli.options import AsJson, DatasetName, Device, Labels, Model, More, Root, Threshold
+from yolino.cli.metrics import MetricOption, Radius, Undirected
+from yolino.cli.options import (
+    AsJson,
+    Data,
+    DatasetName,
+    Device,
+    Labels,
+    Model,
+    More,
+    Root,
+    SkipBroken,
+    Split,
+    Threshold,
+)
 
 EPILOG = """
-**Example**
+**Examples**
 
-- `yolino evaluate --dataset tusimple --root data/tusimple --labels label_data_0531.json --save scores` prints
-  the scores, writes scores/predictions.json (the benchmark's submission file) and pictures of bad images
+- `yolino evaluate --data drive.yaml --split val --save scores` prints the scores with their intervals, and
+  writes scores/report.html with pictures of the worst images
+
+- `yolino evaluate --data photos/ --metric chamfer --metric topo --json` takes other metrics
+
+- `yolino evaluate --dataset tusimple --root data/tusimple --labels label_data_0531.json --save scores` also
+  writes scores/predictions.json, the benchmark's submission file
 """
 
 
@@ -24,34 +42,91 @@ def add_to(app: typer.Typer) -> None:
 
 def evaluate(
     *,
-    dataset: DatasetName = "tusimple",
+    data: Data = None,
+    split: Split = None,
+    dataset: DatasetName = None,
     root: Root = None,
     labels: Labels = None,
+    option: More = None,
+    skip_broken: SkipBroken = False,
     model: Model = "default",
     threshold: Threshold = None,
     device: Device = "auto",
-    option: More = None,
+    metric: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--metric",
+            metavar="NAME",
+            help="Metric over the lines; may be repeated; an unknown one lists them.",
+            show_default="TuSimple's and the paper's",
+        ),
+    ] = None,
+    radius: Radius = None,
+    undirected: Undirected = False,
+    option_of_metric: MetricOption = None,
+    groups: Annotated[
+        str,
+        typer.Option(
+            "--groups",
+            metavar="image|folder",
+            help="What is drawn for the intervals: images, or folders.",
+        ),
+    ] = "image",
     save: Annotated[
-        Path | None, typer.Option("--save", metavar="DIR", help="Folder for predictions.json and pictures.")
+        Path | None,
+        typer.Option("--save", metavar="DIR", help="Folder for a report, pictures and predictions.json."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Score a model on labelled images: the TuSimple benchmark's numbers and the paper's."""
+    """Score a model on labelled images, with 95 % confidence intervals."""
     import json
 
-    from yolino.cli.labels import open_dataset
+    from yolino.cli.labels import Selection, open_or_tell
+    from yolino.cli.metrics import build_metric
     from yolino.cli.screen import print_table, track
     from yolino.evaluate import evaluate as run
+    from yolino.evaluate import score_rows, write_report
     from yolino.inference import load
 
+    if groups not in ("image", "folder"):
+        raise ValueError(f"--groups is {groups!r}; use image or folder.")
     predictor = load(model, device=device, threshold=threshold)
-    samples = open_dataset(dataset, root, labels or [], option or [], classes=predictor.header.classes)
-    scores = run(predictor, samples, save=save, progress=lambda indices: track(indices, "evaluating"))
-    if as_json:
-        typer.echo(json.dumps(scores))
-        return
-    counts = {"images": f"{scores['images']:.0f}", "fps": f"{scores['fps']:.1f}", "ms": f"{scores['ms']:.1f}"}
-    rows = [(name.replace("_", " "), counts.get(name, f"{value:.4f}")) for name, value in scores.items()]
-    print_table(("score", "value"), rows, title=f"{predictor.header.name} on {dataset}")
+    chosen = Selection(data, split, dataset, root, labels or (), option or (), skip_broken)
+    samples = open_or_tell(chosen, classes=predictor.header.classes)
+    if option_of_metric and not metric:
+        raise ValueError("--set is for the arguments of a metric: name it with --metric.")
+    offered = {
+        "radius": radius,
+        "directed": predictor.header.directed and samples.directed and not undirected,
+        "classes": predictor.header.classes or None,
+    }
+    metrics = {name: build_metric(name, offered, option_of_metric or ()) for name in metric or ()}
+    found = run(
+        predictor,
+        samples,
+        metrics=metrics or None,
+        groups=None if groups == "image" else lambda name: Path(name).parent.as_posix(),
+        save=save,
+        progress=lambda indices: track(indices, "evaluating"),
+    )
+    title = f"{predictor.header.name} on {data or dataset or 'tusimple'}{f' ({split})' if split else ''}"
     if save is not None:
-        typer.echo(f"Details are in {save}.")
+        write_report(save, found, title=title, facts=_facts(str(model), predictor.threshold, groups))
+    if as_json:
+        intervals = {name: list(interval) for name, interval in found.intervals.items()}
+        typer.echo(json.dumps({**found.scores, "intervals": intervals}))
+        return
+    print_table(("score", "value", "95 % interval"), score_rows(found), title=title)
+    if save is not None:
+        typer.echo(f"Details are in {save / 'report.html'}.")
+
+
+def _facts(model: str, threshold: float, groups: str) -> list[str]:
+    from importlib.metadata import version
+
+    drawn = "images" if groups == "image" else "whole folders of images"
+    return [
+        f"Model: {model}, segments with a score of at least {threshold:g}",
+        f"Intervals: percentile bootstrap, 1,000 draws of {drawn}",
+        f"yolino {version('yolino')}",
+    ]

@@ -17,7 +17,25 @@ Threshold = Annotated[
         "--threshold", "-t", min=0, max=1, help="Lowest score of a segment.", show_default="the model's"
     ),
 ]
-DatasetName = Annotated[str, typer.Option("--dataset", metavar="NAME", help="tusimple or synthetic.")]
+Data = Annotated[
+    Path | None,
+    typer.Option("--data", metavar="data.yaml|DIR", help="A dataset: its description, or its folder."),
+]
+Split = Annotated[
+    str | None, typer.Option("--split", metavar="NAME", help="Split of --data.", show_default="everything")
+]
+DatasetName = Annotated[
+    str | None,
+    typer.Option(
+        "--dataset",
+        metavar="FORMAT",
+        help="Without --data: format of the labels.",
+        show_default="tusimple",
+    ),
+]
+SkipBroken = Annotated[
+    bool, typer.Option("--skip-broken", help="Leave out what cannot be read, say how much, and go on.")
+]
 Root = Annotated[Path | None, typer.Option("--root", metavar="DIR", help="Folder of the dataset.")]
 Labels = Annotated[
     list[Path] | None,
@@ -29,4 +47,16 @@ More = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else on stdout.")]
 
-__all__ = ["AsJson", "DatasetName", "Device", "Labels", "Model", "More", "Root", "Threshold"]
+__all__ = [
+    "AsJson",
+    "Data",
+    "DatasetName",
+    "Device",
+    "Labels",
+    "Model",
+    "More",
+    "Root",
+    "SkipBroken",
+    "Split",
+    "Threshold",
+]

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
@@ -27,6 +35,21 @@ def track(items: Sequence[T], title: str) -> Iterator[T]:
     columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         yield from progress.track(items)
+
+
+def counted(title: str) -> Callable[[Iterable[T]], Iterator[T]]:
+    """Gives what yields items whose number is not known, and counts them on stderr if somebody watches."""
+    return lambda items: _count(items, title)
+
+
+def _count(items: Iterable[T], title: str) -> Iterator[T]:
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield from items
+        return
+    columns = (SpinnerColumn(), TextColumn(title), TextColumn("{task.completed:.0f}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield from progress.track(items, total=None)
 
 
 @contextlib.contextmanager
@@ -68,4 +91,4 @@ def report_problems(problems: Sequence[str]) -> Iterator[None]:
         raise typer.Exit(MISTAKE)
 
 
-__all__ = ["FEW", "MISTAKE", "SHOWN_ROWS", "busy", "print_table", "report_problems", "track"]
+__all__ = ["FEW", "MISTAKE", "SHOWN_ROWS", "busy", "counted", "print_table", "report_problems", "track"]

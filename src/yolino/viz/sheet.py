@@ -27,7 +27,7 @@ def draw_matches(
     false_alarms: Float[np.ndarray, "m 2"],
     misses: Float[np.ndarray, "k 2"],
 ) -> Canvas:
-    """Gives the image with a metric's verdict on points: hits blue, false alarms orange, misses yellow.
+    """Gives the image with a metric's verdict on points: hits green, false alarms blue, misses red.
 
     Args:
         image: RGB or gray pixels.
