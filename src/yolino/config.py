@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 
 class Section(BaseModel):
@@ -18,17 +18,30 @@ class Section(BaseModel):
 
 
 class Source(Section):
-    """One dataset to draw samples from.
+    """One dataset to draw samples from: a description (`data`), or a format and its arguments.
 
     Attributes:
-        dataset: Name in `DATASETS`.
+        data: A `data.yaml` or the folder of a dataset; a relative path that does not exist lies below the
+            `root` of the data section.
+        split: Split of `data`; without one `train` in training and `val` in validation.
+        dataset: Name in `DATASETS`, instead of `data`.
         weight: Share of the samples drawn from it in training, relative to the other sources.
         options: Arguments of the dataset; a relative `root` lies below the `root` of the data section.
     """
 
-    dataset: str
+    data: Path | None = None
+    split: str | None = None
+    dataset: str | None = None
     weight: float = Field(1.0, gt=0)
     options: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _check_one(self) -> Source:
+        if (self.data is None) == (self.dataset is None):
+            raise ValueError("a source needs either data (a data.yaml or folder) or dataset (a format)")
+        if self.split is not None and self.data is None:
+            raise ValueError("split needs data: a format alone has no splits, use options.labels")
+        return self
 
 
 class Data(Section):

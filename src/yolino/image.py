@@ -1,10 +1,13 @@
-"""What counts as an image: an array of RGB pixels."""
+"""What counts as an image: an array of RGB pixels, or a file of such a suffix."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import UInt8
 from numpy.typing import NDArray
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".jp2", ".ppm", ".pgm")
+"""Suffixes of the image files that folders are searched for, in lower case."""
 
 
 def as_rgb(image: object) -> UInt8[np.ndarray, "h w 3"]:
@@ -40,4 +43,4 @@ def _dtype_hint(image: NDArray[np.generic]) -> str:
     return "; convert with image.astype(np.uint8)"
 
 
-__all__ = ["as_rgb"]
+__all__ = ["IMAGE_SUFFIXES", "as_rgb"]

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import yaml
 
-
 if TYPE_CHECKING:
     from yolino.metrics import Metric
 

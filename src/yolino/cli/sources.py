@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".jp2"})
+from yolino.image import IMAGE_SUFFIXES
 
 
 class Sources(NamedTuple):
@@ -39,7 +39,7 @@ def find_images(sources: Sequence[str], *, excluded: Path) -> Sources:
         found = _expand(source, excluded.resolve())
         if not found:
             kind = "The folder" if Path(source).is_dir() else "The pattern"
-            problems.append(f"{kind} {source} names no image ({', '.join(sorted(SUFFIXES))}).")
+            problems.append(f"{kind} {source} names no image ({', '.join(IMAGE_SUFFIXES)}).")
         for path in found:
             images.setdefault(path.resolve(), path)
     return Sources(list(images.values()), problems)
@@ -52,7 +52,7 @@ def _expand(source: str, excluded: Path) -> list[Path]:
     if path.exists() or not glob.has_magic(source):
         return [path]
     matches = sorted(map(Path, glob.glob(os.path.expanduser(source), recursive=True)))
-    files = [match for match in matches if match.is_file() and match.suffix.lower() in SUFFIXES]
+    files = [match for match in matches if match.is_file() and match.suffix.lower() in IMAGE_SUFFIXES]
     if "**" in source:
         return files
     return files + [image for match in matches if match.is_dir() for image in _images_below(match, excluded)]
@@ -67,7 +67,7 @@ def _images_below(folder: Path, excluded: Path) -> list[Path]:
         found += [
             Path(parent, name)
             for name in sorted(names)
-            if name[0] != "." and Path(name).suffix.lower() in SUFFIXES
+            if name[0] != "." and Path(name).suffix.lower() in IMAGE_SUFFIXES
         ]
     return found
 
@@ -101,4 +101,4 @@ def _shared(names: Sequence[str]) -> list[list[int]]:
     return [group for group in groups.values() if len(group) > 1]
 
 
-__all__ = ["SUFFIXES", "Sources", "find_images", "result_names"]
+__all__ = ["Sources", "find_images", "result_names"]

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from yolino.cli.options import SkipBroken
+
 EPILOG = """
 **Examples**
 
@@ -27,6 +29,7 @@ def train(
         list[str] | None,
         typer.Argument(metavar="[KEY=VALUE]...", help="Values that replace those of the file."),
     ] = None,
+    skip_broken: SkipBroken = False,
     progress: Annotated[
         bool, typer.Option("--progress/--no-progress", help="Whether to show a bar with the remaining time.")
     ] = True,
@@ -37,5 +40,5 @@ def train(
     from yolino.training.run import train as run
 
     logging.getLogger("yolino").setLevel(logging.INFO)
-    best = run(config, overrides or [], progress=progress)
+    best = run(config, overrides or [], progress=progress, skip_broken=skip_broken)
     typer.echo(f"The best checkpoint is {best}; `yolino export {best}` makes a model that needs no torch.")

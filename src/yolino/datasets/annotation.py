@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+
+_LARGEST = 1.7e308
 
 
 class LabelError(ValueError):
@@ -35,6 +38,7 @@ class Annotation:
         scores: Score of each polyline; empty: all are 1.
         ignore: Polygons in pixels inside which nothing is labelled.
         size: `(height, width)` of the image, where the file states it.
+        source: The label file; `FileDataset` fills it in.
     """
 
     image: str
@@ -44,6 +48,7 @@ class Annotation:
     scores: Sequence[float] = ()
     ignore: Sequence[Float[np.ndarray, "_ 2"]] = field(default=())
     size: tuple[int, int] | None = None
+    source: Path = Path()
 
 
 def check_points(points: object, where: str, *, least: int = 1) -> Float[np.ndarray, "v 2"]:
@@ -59,7 +64,7 @@ def check_points(points: object, where: str, *, least: int = 1) -> Float[np.ndar
         if not isinstance(point, list | tuple) or len(point) < 2:
             raise LabelError(where, f"has the point {point!r}, but [x, y] is needed")
         for value in point[:2]:
-            if type(value) not in (int, float) or not abs(value) < float("inf"):
+            if type(value) not in (int, float) or not abs(value) <= _LARGEST:
                 raise LabelError(where, f"has the coordinate {value!r}, but finite numbers are needed")
     return np.array([point[:2] for point in points], np.float64).reshape(-1, 2)
 

@@ -66,11 +66,11 @@ def _bring(sample: Sample, out: Path, images: str) -> Sample:
         return replace(sample, name=target.relative_to(out).as_posix(), image=target, size=size)
     if not sample.image.is_file() and (images != "none" or sample.size is None):
         raise FileNotFoundError(f"There is no image {sample.image}, which {sample.name} needs.")
-    size = image_size(sample.image) if sample.image.is_file() else sample.size
+    known = image_size(sample.image) if sample.image.is_file() else sample.size
     target = out / sample.name
     if images != "none" and not (target.exists() and os.path.samefile(target, sample.image)):
         _transfer(sample.image, target, images)
-    return replace(sample, size=size)
+    return replace(sample, size=known)
 
 
 def _transfer(source: Path, target: Path, images: str) -> None:

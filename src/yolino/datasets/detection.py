@@ -10,8 +10,8 @@ BY_NAME = {
     "tusimple": ("label_data*.json",),
     "culane": ("list/*.txt", "*.lines.txt", "*/*.lines.txt", "*/*/*.lines.txt"),
     "curvelanes": ("labels/*.lines.json", "*/labels/*.lines.json", "*.lines.json"),
-    "geojson": ("labels/*.geojson", "*.geojson"),
-    "cvat": ("*.xml",),
+    "cvat": ("annotations.xml",),
+    "geojson": ("labels/*.geojson", "labels/**/*.geojson", "*.geojson", "**/*.geojson"),
     "argoverse2": ("map/log_map_archive_*.json", "*/map/log_map_archive_*.json"),
 }
 """Globs below the folder that tell a format; the first that finds a file counts."""
@@ -34,6 +34,8 @@ def detect_format(path: Path) -> str:
     for name, patterns in BY_NAME.items():
         if any(next(path.glob(pattern), None) is not None for pattern in patterns):
             return name
+    if next(path.glob("*.xml"), None) is not None:
+        return "cvat"
     for pattern in _JSON:
         if (file := min(path.glob(pattern), default=None)) is not None:
             return _of_file(file)
@@ -49,6 +51,8 @@ def _of_file(path: Path) -> str:
     for name, patterns in BY_NAME.items():
         if any(path.match(pattern) for pattern in patterns):
             return name
+    if path.suffix.lower() == ".xml":
+        return "cvat"
     found = _of_json(path) if path.suffix.lower() in (".json", ".jsonl") else None
     if found is None:
         raise ValueError(f"{path} is no label file of a known format: name the format.")

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import glob
+import re
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any, ClassVar
 
 from yolino.datasets.annotation import Annotation, LabelError
 from yolino.datasets.writing import Writer
+from yolino.image import IMAGE_SUFFIXES
 from yolino.types import Polylines, Sample
 
 Names = str | Path | Sequence[str | Path]
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".jp2")
+# The name is the first column, which may have spaces in it if it has the suffix of an image.
+_FIRST_COLUMN = re.compile(rf"\S.*?(?:{'|'.join(map(re.escape, IMAGE_SUFFIXES))})(?=\s|$)|\S+", re.IGNORECASE)
 
 
 class FileDataset(ABC):
@@ -87,7 +91,7 @@ class FileDataset(ABC):
         self.broken: list[LabelError] = []
         self.files = self._find_files(labels)
         found = self._read_all(skip_broken, progress)
-        self.annotations = found if self.names is None else self._choose(found, self.names)
+        self.annotations = found if self.names is None else self._choose(found, self.names, skip_broken)
         self._paths = [self._image_path(one) for one in self.annotations]
         if require_images:
             self._check_images(skip_broken)
@@ -149,14 +153,14 @@ class FileDataset(ABC):
             raise ValueError("The list of label files is empty: name one, or give none to have them found.")
         return [path for name in given for path in self._expand(name)]
 
-    def _expand(self, name: str | Path) -> list[Path]:
+    def _expand(self, given: str | Path) -> list[Path]:
         """Gives the files that a file name, a folder or a glob stands for."""
-        path = self._below_root(name)
+        path = self._below_root(given)
         if path.is_file():
             return [path]
         if path.is_dir():
-            suffixes = sorted({PurePosixPath(pattern).name for pattern in self.patterns})
-            found = sorted({file for suffix in suffixes for file in path.glob(suffix)})
+            names = sorted({PurePosixPath(pattern).name for pattern in self.patterns})
+            found = sorted({file for name in names for file in path.rglob(name)})
         else:
             found = sorted(Path(file) for file in glob.glob(str(path), recursive=True))
         if not found:
@@ -177,14 +181,15 @@ class FileDataset(ABC):
     def _entries(self) -> Iterator[Annotation | LabelError]:
         for path in self.files:
             try:
-                yield from self.read(path)
+                for one in self.read(path):
+                    yield replace(one, source=path) if isinstance(one, Annotation) else one
             except LabelError as error:
                 yield error
             except (UnicodeDecodeError, OSError) as error:
                 reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
                 yield LabelError(str(path), f"cannot be read ({reason})")
 
-    def _choose(self, annotations: Sequence[Annotation], names: Path) -> list[Annotation]:
+    def _choose(self, annotations: Sequence[Annotation], names: Path, skip_broken: bool) -> list[Annotation]:
         """Gives the annotations of the listed images, in the order of the list."""
         if not names.is_file():
             raise FileNotFoundError(f"There is no list of names {names}: a text file, an image per line.")
@@ -192,12 +197,11 @@ class FileDataset(ABC):
         for one in annotations:
             for key in _keys(one.image):
                 by_key.setdefault(key, []).append(one)
-        listed = [line.split()[0] for line in names.read_text(encoding="utf-8").splitlines() if line.strip()]
+        listed = list(listed_names(names))
         if not listed:
             raise ValueError(f"The list of names {names} is empty: one image per line is needed.")
-        broken = {key for error in self.broken for key in _keys(error.where)}
         chosen = []
-        for name in listed:
+        for number, name in listed:
             matches = next((by_key[key] for key in _keys(name) if key in by_key), [])
             if len(matches) == 1:
                 chosen.append(matches[0])
@@ -206,31 +210,37 @@ class FileDataset(ABC):
                     f"{names} lists {name}, which could be {matches[0].image} or "
                     f"{matches[1].image}: write the whole path below {self.root}."
                 )
-            elif not broken.intersection(_keys(name)):
-                raise ValueError(f"{names} lists {name}, for which {self.root} has no labels: take it out.")
+            else:
+                reason = f"lists {name}, which has no labels in {self.root}"
+                error = LabelError(f"{names}, line {number}", reason)
+                if not skip_broken:
+                    raise error
+                self.broken.append(error)
         return chosen
 
     def _image_path(self, one: Annotation) -> Path:
         """Gives the file of the image, where it is or where it would be."""
         name = one.image.lstrip("/")
-        beside = Path(one.where.split(", ")[0]).parent
-        folders = [self.images] if self.images else [self.root, beside, self.root / "images"]
-        places = [folder / part for folder in folders for part in dict.fromkeys((name, Path(name).name))]
-        for place in places:
+        for place in self._places(name, one.source.parent):
             if place.suffix.lower() in IMAGE_SUFFIXES:
                 if place.is_file():
                     return place
             else:  # formats whose files do not name the image
                 for suffix in IMAGE_SUFFIXES:
-                    if (file := place.with_name(place.name + suffix)).is_file():
-                        return file
-        return places[0]
+                    for ending in (suffix, suffix.upper()):
+                        if (file := place.with_name(place.name + ending)).is_file():
+                            return file
+        return (self.images or self.root) / name
+
+    def _places(self, name: str, beside: Path) -> Iterator[Path]:
+        """Yields where an image may lie: under its whole name, then under ever shorter ends of it."""
+        folders = [self.images] if self.images else [self.root, beside, self.root / "images"]
+        return (folder / end for end in path_ends(name) for folder in folders)
 
     def _name(self, one: Annotation, path: Path) -> str:
-        try:
-            return path.relative_to(self.root).as_posix()
-        except ValueError:
-            return one.image.lstrip("/")
+        """Gives the path of the image below the root, or what of its name stays below it."""
+        name = path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else one.image
+        return "/".join(part for part in PurePosixPath(name.lstrip("/")).parts if part != "..")
 
     def _check_images(self, skip_broken: bool) -> None:
         kept = []
@@ -257,6 +267,19 @@ class FileDataset(ABC):
         return classes, {name: classes.index(label) for name, label in pairs.items()}
 
 
+def listed_names(path: Path) -> Iterator[tuple[int, str]]:
+    """Yields the number of each line of a list that is not empty, and the image that it names."""
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        if found := _FIRST_COLUMN.search(line):
+            yield number, found[0].replace("\\", "/").lstrip("/")
+
+
+def path_ends(name: str) -> Iterator[str]:
+    """Yields a path with forward slashes, and what is left of it without the first folder, the second, ..."""
+    parts = [part for part in PurePosixPath(name).parts if part not in ("/", "..")]
+    return ("/".join(parts[i:]) for i in range(len(parts)))
+
+
 def _keys(name: str) -> list[str]:
     """Gives the names under which an image is looked up, the strictest first."""
     path = PurePosixPath(name.lstrip("/"))
@@ -264,4 +287,4 @@ def _keys(name: str) -> list[str]:
     return list(dict.fromkeys([str(path), str(path.with_suffix("")), str(path.parent / stem), stem]))
 
 
-__all__ = ["IMAGE_SUFFIXES", "FileDataset", "Names", "Progress"]
+__all__ = ["FileDataset", "Names", "Progress", "listed_names", "path_ends"]

@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from yolino.datasets.coco import Coco
+from yolino.datasets.culane import CULane
+from yolino.datasets.curvelanes import CurveLanes
+from yolino.datasets.cvat import CVAT
 from yolino.datasets.dataset import Dataset
 from yolino.datasets.files import FileDataset
+from yolino.datasets.geojson import GeoJson
+from yolino.datasets.labelme import LabelMe
+from yolino.datasets.labelstudio import LabelStudio
+from yolino.datasets.results import Results
 from yolino.datasets.synthetic import Synthetic
 from yolino.datasets.tusimple import TuSimple
 from yolino.datasets.writing import Writer
 
 DATASETS: dict[str, type[Dataset]] = {
     "tusimple": TuSimple,
+    "culane": CULane,
+    "curvelanes": CurveLanes,
+    "geojson": GeoJson,
+    "cvat": CVAT,
+    "coco": Coco,
+    "labelme": LabelMe,
+    "labelstudio": LabelStudio,
+    "results": Results,
     "synthetic": Synthetic,
 }
 """What can be read."""

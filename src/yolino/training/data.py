@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,12 +14,21 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from yolino.config import Augmentation, Source
-from yolino.datasets import DATASETS
 from yolino.datasets import Dataset as Annotated
+from yolino.datasets import FileDataset
+from yolino.datasets.description import (
+    Description,
+    arguments_of,
+    build,
+    load_description,
+    open_split,
+)
 from yolino.grid import Grid
 from yolino.training.augment import PRESETS, Augment
 from yolino.training.targets import CellTargets, Targets, cell_targets, collate
 from yolino.types import Polylines
+
+logger = logging.getLogger(__name__)
 
 
 class Example(NamedTuple):
@@ -39,31 +49,59 @@ class Batch(NamedTuple):
     ignore: tuple[tuple[np.ndarray, ...], ...]
 
 
-def build_dataset(source: Source, root: Path, classes: Sequence[str]) -> Annotated:
+def build_dataset(
+    source: Source, root: Path, classes: Sequence[str], *, split: str = "train", skip_broken: bool = False
+) -> Annotated:
     """Gives the dataset of a source; its labels become those of `classes`.
+
+    Args:
+        source: The source.
+        root: Folder that holds the datasets.
+        classes: Classes that the dataset must have.
+        split: Split to take where the source names a description and no split.
+        skip_broken: Whether to leave out what cannot be read.
 
     Raises:
         ValueError: The dataset is unknown or empty, its options are wrong, or it lacks the classes.
         FileNotFoundError: Its files are not there.
     """
-    if source.dataset not in DATASETS:
-        raise ValueError(f"dataset {source.dataset!r} is unknown; use one of {', '.join(DATASETS)}.")
     options: dict[str, Any] = dict(source.options)
     if "root" in options:
         options["root"] = root / options["root"]
-    try:
-        dataset: Annotated = DATASETS[source.dataset](**options)
-    except TypeError as error:
-        raise ValueError(f"The options of dataset {source.dataset!r} do not fit: {error}.") from error
+    description = describe(source, root)
+    format, name = source.dataset or "", repr(source.dataset)
+    if description is not None:
+        format, name = description.format, str(source.data)
+    if skip_broken and "skip_broken" in arguments_of(format):
+        options["skip_broken"] = True
+    if description is None:
+        dataset = build(format, options)
+    else:
+        dataset = open_split(description, source.split or split, **options)
+    if isinstance(dataset, FileDataset) and dataset.broken:
+        logger.warning(
+            "%s: %d broken parts left out, first: %s", name, len(dataset.broken), dataset.broken[0]
+        )
     if not len(dataset):
-        raise ValueError(f"dataset {source.dataset!r} with {source.options} has no samples.")
-    missing = [name for name in classes if name not in dataset.classes]
+        raise ValueError(f"The dataset {name} with {source.options} has no samples.")
+    missing = [one for one in classes if one not in dataset.classes]
     if missing:
         raise ValueError(
-            f"dataset {source.dataset!r} has no classes {', '.join(missing)}; "
-            f"it has {', '.join(dataset.classes)}."
+            f"The dataset {name} has no classes {', '.join(missing)}; it has {', '.join(dataset.classes)}."
         )
     return dataset
+
+
+def describe(source: Source, root: Path) -> Description | None:
+    """Gives the description of the dataset that a source names, or None where it names a format.
+
+    Raises:
+        FileNotFoundError: There is no such file or folder.
+        ValueError: It is no description.
+    """
+    if source.data is None:
+        return None
+    return load_description(source.data if source.data.exists() else root / source.data)
 
 
 def build_augment(augmentation: Augmentation, size: tuple[int, int], fit: str) -> Augment:

@@ -34,6 +34,7 @@ from yolino.training.data import (
     build_augment,
     build_dataset,
     collate_examples,
+    describe,
 )
 from yolino.training.module import TrainingModule
 
@@ -41,12 +42,27 @@ logger = logging.getLogger(__name__)
 
 
 def build_examples(
-    experiment: Experiment, sources: Sequence[Source], augment: Augment, *, border: bool, mixed: bool
+    experiment: Experiment,
+    sources: Sequence[Source],
+    augment: Augment,
+    *,
+    border: bool,
+    mixed: bool,
+    skip_broken: bool = False,
 ) -> Examples:
     """Gives the examples of the sources: mixed by weight for training, one after the other for validation."""
     data = experiment.data
     return Examples(
-        [build_dataset(source, data.root, data.classes) for source in sources],
+        [
+            build_dataset(
+                source,
+                data.root,
+                data.classes,
+                split="train" if mixed else "val",
+                skip_broken=skip_broken,
+            )
+            for source in sources
+        ],
         [source.weight for source in sources] if mixed else None,
         augment,
         Grid(data.size, 32 >> experiment.model.upsample),
@@ -61,6 +77,7 @@ def build_loaders(
     *,
     border: bool,
     place: Callable[[], tuple[int, int, int]] = lambda: (0, 0, 1),
+    skip_broken: bool = False,
 ) -> tuple[DataLoader[Batch], DataLoader[Batch]]:
     """Gives the training and the validation loader.
 
@@ -68,6 +85,7 @@ def build_loaders(
         experiment: The experiment file.
         border: Whether segments must end on the borders of the cells.
         place: Tells the steps done when an epoch begins, the number of this process and of all processes.
+        skip_broken: Whether to leave out labels that cannot be read.
     """
 
     def examples_done() -> tuple[int, int, int]:
@@ -76,8 +94,9 @@ def build_loaders(
 
     data, training = experiment.data, experiment.training
     augment = build_augment(experiment.augment, data.size, data.fit)
-    train = build_examples(experiment, data.train, augment, border=border, mixed=True)
-    val = build_examples(experiment, data.val, Augment(data.size, fit=data.fit), border=border, mixed=False)
+    how: dict[str, Any] = {"border": border, "skip_broken": skip_broken}
+    train = build_examples(experiment, data.train, augment, mixed=True, **how)
+    val = build_examples(experiment, data.val, Augment(data.size, fit=data.fit), mixed=False, **how)
     sampler = EndlessSampler(training.validate_every * training.batch_size, examples_done)
     shared: dict[str, Any] = {"batch_size": training.batch_size, "collate_fn": collate_examples}
     workers: dict[str, Any] = {"num_workers": training.workers, "persistent_workers": training.workers > 0}
@@ -130,13 +149,16 @@ def build_trainer(
     )
 
 
-def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool = True) -> Path:
+def train(
+    config: str | Path, overrides: Sequence[str] = (), *, progress: bool = True, skip_broken: bool = False
+) -> Path:
     """Trains the experiment of a file; goes on where an earlier, killed run of the same name stopped.
 
     Args:
         config: The experiment file.
         overrides: `key=value` changes to it.
         progress: Whether to show a bar with the remaining time.
+        skip_broken: Whether to leave out labels that cannot be read; otherwise they stop it before it begins.
 
     Returns:
         The checkpoint with the best validation F1.
@@ -145,7 +167,7 @@ def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool =
         FileNotFoundError: The experiment file or the data is missing.
         ValueError: A mistake in the file, or an earlier run of that name with other settings.
     """
-    experiment = load_experiment(config, overrides)
+    experiment = with_licence(load_experiment(config, overrides))
     folder = experiment.out / experiment.name
     seed_everything(experiment.training.seed, verbose=False)
     if experiment.training.threads:
@@ -157,6 +179,7 @@ def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool =
         experiment,
         border=module.network.representation.to_border,
         place=lambda: (trainer.global_step, trainer.global_rank, trainer.world_size),
+        skip_broken=skip_broken,
     )
     assert isinstance(val_loader.dataset, Examples)
     _claim(folder, experiment)
@@ -182,6 +205,18 @@ def train(config: str | Path, overrides: Sequence[str] = (), *, progress: bool =
             logger.warning("stopped at step %d; the same command %s", trainer.global_step, kept)
             raise
     return folder / BEST
+
+
+def with_licence(experiment: Experiment) -> Experiment:
+    """Gives the experiment with the licences and descriptions of its training data, where it states none."""
+    data = experiment.data
+    found = [described for source in data.train if (described := describe(source, data.root))]
+    changes = {}
+    for key in ("licence", "description"):
+        stated = list(dict.fromkeys(getattr(one, key) for one in found))
+        if getattr(data, key) == "unknown" and stated:
+            changes[key] = "; ".join(stated)
+    return experiment.model_copy(update={"data": data.model_copy(update=changes)})
 
 
 def _start_from(module: TrainingModule, path: Path) -> None:
