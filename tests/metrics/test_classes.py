@@ -9,6 +9,7 @@ import pytest
 
 from yolino.metrics.bootstrap import bootstrap_intervals
 from yolino.metrics.classes import ClassMetric
+from yolino.metrics.samples import sample_lines
 from yolino.types import Polylines
 
 SIZE = (100, 200)
@@ -62,6 +63,59 @@ def test_two_lines_in_the_same_place_are_judged_alike_in_any_order() -> None:
             results.append(metric.confusion.tolist())
     assert results[:3] == results[3:]
     assert results[1] == results[2]
+
+
+def confusion_in_a_loop(prediction: Polylines, truth: Polylines, radius: float) -> np.ndarray:
+    """The definition as loops: each ground-truth sample picks a predicted one, which keeps its nearest."""
+    found, wanted = sample_lines(prediction, SIZE), sample_lines(truth, SIZE)
+    keeper: dict[int, tuple[float, int]] = {}
+    for point, direction, label in zip(wanted.points, wanted.directions, wanted.labels, strict=True):
+        distance = np.hypot(*(found.points - point).T)
+        distance[found.directions @ direction < math.cos(math.pi / 4)] = np.inf
+        best = int(distance.argmin())
+        if distance[best] <= radius:
+            keeper[best] = min(keeper.get(best, (math.inf, 0)), (float(distance[best]), int(label)))
+    confusion = np.zeros((3, 3), int)
+    for best, (_, label) in keeper.items():
+        confusion[label, found.labels[best]] += 1
+    return confusion
+
+
+def wild(rng: np.random.Generator, n: int) -> Polylines:
+    lines = [rng.uniform(0, 1, (3, 2)) * [200, 100] for _ in range(n)]
+    return Polylines.from_list(lines, labels=rng.integers(0, 3, n))
+
+
+def test_the_confusion_matrix_equals_a_loop_over_the_ground_truth() -> None:
+    rng = np.random.default_rng(6)
+    metric, expected = ClassMetric(("a", "b", "c"), radius=15.0), np.zeros((3, 3), int)
+    for _ in range(6):
+        prediction, truth = wild(rng, 8), wild(rng, 8)
+        metric.update(prediction, truth, SIZE)
+        expected += confusion_in_a_loop(prediction, truth, 15.0)
+    assert (expected > 0).all()
+    np.testing.assert_array_equal(metric.confusion, expected)
+    assert metric.compute()["class_accuracy"] == pytest.approx(expected.trace() / expected.sum())
+
+
+def test_other_numbers_for_the_classes_turn_the_matrix_only() -> None:
+    rng = np.random.default_rng(7)
+    prediction, truth = wild(rng, 6), wild(rng, 6)
+    new = np.array([2, 0, 1])
+    metric, turned = ClassMetric(("a", "b", "c")), ClassMetric(("b", "c", "a"))
+    metric.update(prediction, truth, SIZE)
+    sides = (Polylines(side.vertices, side.offsets, labels=new[side.labels]) for side in (prediction, truth))
+    turned.update(*sides, SIZE)
+    assert metric.confusion.sum() > 50
+    np.testing.assert_array_equal(turned.confusion[np.ix_(new, new)], metric.confusion)
+    assert metric.compute() == turned.compute()
+
+
+def test_ignored_regions_are_not_in_the_matrix() -> None:
+    metric = ClassMetric(("a", "b"))
+    box = np.array([[0, 40], [200, 40], [200, 60], [0, 60.0]])
+    metric.update(rows((20, 30, 0), (50, 20, 0)), rows((20, 30, 0), (50, 20, 1)), SIZE, [box])
+    np.testing.assert_array_equal(metric.confusion, [[30, 0], [0, 0]])
 
 
 def test_named_classes_fix_the_size_and_the_allowed_labels() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from yolino.metrics import METRICS, bootstrap_intervals
+from yolino.metrics import METRICS, SumMetric, bootstrap_intervals
 from yolino.types import Polylines
 
 SIZE = (720, 1280)
@@ -80,12 +80,35 @@ def test_before_the_first_image_there_is_no_score(name: str) -> None:
         METRICS[name]().compute()
 
 
+def test_weights_count_images_as_often(name: str) -> None:
+    metric = METRICS[name]()
+    for prediction, truth in IMAGES:
+        metric.update(prediction, truth, SIZE)
+    often = np.array([[1, 1, 1, 1, 1], [2, 0, 1, 0, 3], [0, 1, 0, 0, 0]])
+    weighted = metric.weighted(often.astype(np.float64))
+    for row, counts in enumerate(often):
+        images = [image for image, count in zip(IMAGES, counts, strict=True) for _ in range(count)]
+        expected = scores_of(name, *images)
+        assert {key: float(values[row]) for key, values in weighted.items()} == pytest.approx(expected)
+
+
 def test_sums_of_parts_are_the_whole(name: str) -> None:
     metric = METRICS[name]()
+    if not isinstance(metric, SumMetric):
+        return  # a ranking is no sum
     for prediction, truth in IMAGES:
         metric.update(prediction, truth, SIZE)
     parts = metric.rows[:2].sum(axis=0) + metric.rows[2:].sum(axis=0)
     assert {k: float(v) for k, v in metric.scores(parts).items()} == pytest.approx(metric.compute())
+
+
+def test_a_region_that_covers_all_leaves_nothing(name: str) -> None:
+    if name == "tusimple":
+        return  # the benchmark knows no such regions and says so
+    metric = METRICS[name]()
+    everything = np.array([[-10.0, -10.0], [1290.0, -10.0], [1290.0, 730.0], [-10.0, 730.0]])
+    metric.update(lanes(100, 500), lanes(900), SIZE, [everything])
+    assert metric.compute()[METRICS[name].headline] == 1
 
 
 def test_intervals_hold_the_scores(name: str) -> None:
@@ -96,8 +119,3 @@ def test_intervals_hold_the_scores(name: str) -> None:
     for key, score in metric.compute().items():
         low, high = intervals[key]
         assert low <= score <= high
-
-
-def test_no_two_metrics_share_a_score() -> None:
-    names = [score for name in METRICS for score in scores_of(name, *IMAGES)]
-    assert len(names) == len(set(names))

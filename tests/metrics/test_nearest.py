@@ -28,9 +28,10 @@ def at(points: list, angles: list, labels: list | None = None) -> Samples:
 
 def look_at_all(queries: Samples, samples: Samples, radius: float, angle: float, directed: bool) -> tuple:
     nearest, distances = np.full(len(queries), -1), np.full(len(queries), np.inf)
+    courses, angles = queries.angles, samples.angles
     for q in range(len(queries)):
         for i in range(len(samples)):
-            turn = abs(queries.angles[q] - samples.angles[i])
+            turn = abs(courses[q] - angles[i])
             turn = min(turn, 2 * np.pi - turn)
             if not directed:
                 turn = min(turn, np.pi - turn)
@@ -61,6 +62,55 @@ def test_search_equals_looking_at_all_in_few_and_spread_samples(
     queries, samples = cloud(rng, m, 300), cloud(rng, n, 300)
     found = nearest_samples(queries, samples, radius, 2.0, directed=True)
     np.testing.assert_array_equal(found[0], look_at_all(queries, samples, radius, 2.0, True)[0])
+
+
+def look_at_all_with_ties(queries: Samples, samples: Samples, radius: float, directed: bool) -> list[int]:
+    """The definition with its rules for equally close samples, for angles of multiples of 45 degrees."""
+    nearest = []
+    for point, direction in zip(queries.points, queries.directions, strict=True):
+        back = not directed and tuple(direction) < (0, 0)
+        ux, uy = -direction if back else direction
+        candidates = []
+        for i in range(len(samples)):
+            dx, dy = samples.points[i] - point
+            dot = samples.directions[i] @ [ux, uy]
+            if dx * dx + dy * dy <= radius * radius and (dot if directed else abs(dot)) > 0.5:
+                ahead, right = dx * ux + dy * uy, dy * ux - dx * uy
+                places = dx * dx + dy * dy, -round(ahead, 6), -round(right, 6)
+                candidates.append((*places, int(samples.labels[i]), i))
+        nearest.append(min(candidates)[-1] if candidates else -1)
+    return nearest
+
+
+@pytest.mark.parametrize("directed", [True, False])
+@pytest.mark.parametrize("radius", [1.0, 3.0, 30.0])
+def test_search_equals_looking_at_all_where_many_are_equally_close(radius: float, directed: bool) -> None:
+    rng = np.random.default_rng(int(radius))
+    for _ in range(5):
+        sides = []
+        for n in (70, 90):
+            turns = rng.integers(-3, 4, n) * math.pi / 4
+            sides.append(
+                at(rng.integers(0, 16, (n, 2)).tolist(), turns.tolist(), rng.integers(0, 3, n).tolist())
+            )
+        found, _ = nearest_samples(*sides, radius, math.pi / 4 + 0.01, directed=directed)
+        assert found.tolist() == look_at_all_with_ties(*sides, radius, directed)
+
+
+@pytest.mark.parametrize("radius", [2.0, 12.0, 200.0])
+@pytest.mark.parametrize("extent", [5.0, 100.0, 2000.0])
+def test_the_answer_to_a_query_does_not_depend_on_the_query_before(radius: float, extent: float) -> None:
+    rng = np.random.default_rng(int(radius + extent))
+    # Walks, so that neighbors follow each other, beside samples of which some are far outside.
+    walk = np.cumsum(rng.normal(0, 1.0, (60, 2)), axis=0) + extent / 2
+    angles = np.cumsum(rng.normal(0, 0.3, 60))
+    queries, samples = at(walk.tolist(), angles.tolist()), cloud(rng, 100, extent)
+    found = nearest_samples(queries, samples, radius, 0.8, directed=True)
+    np.testing.assert_array_equal(found[0], look_at_all(queries, samples, radius, 0.8, True)[0])
+    order = rng.permutation(60)
+    shuffled = nearest_samples(queries[order], samples, radius, 0.8, directed=True)
+    np.testing.assert_array_equal(shuffled[0], found[0][order])
+    np.testing.assert_array_equal(shuffled[1], found[1][order])
 
 
 def test_angles_are_circular() -> None:

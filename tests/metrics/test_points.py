@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from yolino.metrics.points import RADIUS_FRACTIONS, PointMatch, PointMetric, match_points
+from yolino.metrics.bootstrap import bootstrap_intervals
+from yolino.metrics.points import (
+    RADIUS_FRACTIONS,
+    SCORE_THRESHOLDS,
+    PointMatch,
+    PointMetric,
+    match_points,
+)
 from yolino.metrics.samples import Samples, sample_lines
 from yolino.types import Polylines, Segments
 
@@ -32,9 +39,9 @@ def counts(match: PointMatch) -> tuple[int, int, int]:
 
 def loop_over_truth(found: Samples, wanted: Samples, radius: float, angle: float, directed: bool) -> set[int]:
     """The definition as a loop over the ground-truth points."""
-    chosen = set()
+    chosen, angles = set(), found.angles
     for point, direction in zip(wanted.points, wanted.angles, strict=True):
-        turn = np.abs((found.angles - direction + np.pi) % (2 * np.pi) - np.pi)
+        turn = np.abs((angles - direction + np.pi) % (2 * np.pi) - np.pi)
         if not directed:
             turn = np.minimum(turn, np.pi - turn)
         distance = np.hypot(*(found.points - point).T)
@@ -45,7 +52,37 @@ def loop_over_truth(found: Samples, wanted: Samples, radius: float, angle: float
 
 
 def wild_lines(rng: np.random.Generator, n: int) -> Polylines:
-    return Polylines.from_list(rng.uniform(0, 1, (rng.integers(2, 6), 2)) * [200, 100] for _ in range(n))
+    lines = [rng.uniform(0, 1, (rng.integers(2, 6), 2)) * [200, 100] for _ in range(n)]
+    return Polylines.from_list(lines, rng.integers(0, 101, n) / 100, rng.integers(0, 3, n))
+
+
+def scored(*lines: tuple[float, float]) -> Polylines:
+    """Horizontal lines of 50 px, given as y and score."""
+    return Polylines.from_list([[[10, y], [60, y]] for y, _ in lines], [score for _, score in lines])
+
+
+def classed(*lines: tuple[float, float, int]) -> Polylines:
+    """Horizontal lines from x = 10, given as y, length and label."""
+    vertices = [[[10, y], [10 + length, y]] for y, length, _ in lines]
+    return Polylines.from_list(vertices, labels=[label for *_, label in lines])
+
+
+def of(counts: tuple[int, int, int], ending: str = "") -> dict[str, float]:
+    """The scores that belong to numbers of true positives, predicted and ground-truth samples."""
+    true_positives, predicted, wanted = counts
+    values = [1.0, 1.0, 1.0]
+    if predicted + wanted:
+        precision = true_positives / predicted if predicted else 0.0
+        recall = true_positives / wanted if wanted else 0.0
+        both = precision + recall
+        values = [precision, recall, 2 * precision * recall / both if both else 0.0]
+    return {name + ending: v for name, v in zip(("precision", "recall", "f1"), values, strict=True)}
+
+
+def count_in_a_loop(prediction: Polylines, truth: Polylines, radius: float) -> tuple[int, int, int]:
+    found, wanted = sample_lines(prediction, SIZE), sample_lines(truth, SIZE)
+    hits = loop_over_truth(found, wanted, radius, math.pi / 4, True)
+    return len(hits), len(found), len(wanted)
 
 
 def test_the_figure_of_the_paper() -> None:
@@ -223,6 +260,198 @@ def test_the_curve_tells_the_scores_at_smaller_radii() -> None:
         alone = PointMetric(radius=10.0)
         alone.update(horizontal(53), horizontal(50), SIZE)
         assert alone.curve()["f1"][i] == smaller.compute()["f1"]
+
+
+def test_each_class_is_compared_with_itself() -> None:
+    metric = PointMetric(classes=("dashed", "solid", "dots"))
+    truth = classed((20, 30, 0), (50, 20, 1))
+    # The solid line is found, but called dashed; dots occur nowhere.
+    metric.update(classed((20, 30, 0), (51, 20, 0)), truth, SIZE)
+    expected = (
+        of((50, 50, 50)) | of((30, 50, 30), "_dashed") | of((0, 0, 20), "_solid") | of((0, 0, 0), "_dots")
+    )
+    assert metric.compute() == pytest.approx(expected)
+    assert expected["precision_dashed"] == 0.6
+    assert expected["f1_solid"] == 0
+    assert expected["f1_dots"] == 1
+    # With a second image the samples are added before they are divided.
+    metric.update(classed((20, 40, 1), (80, 10, 2)), classed((20, 40, 1)), SIZE)
+    expected = of((90, 100, 90)) | of((30, 50, 30), "_dashed") | of((40, 40, 60), "_solid")
+    assert metric.compute() == pytest.approx(expected | of((0, 10, 0), "_dots"))
+
+
+def test_a_line_of_another_class_hides_nothing() -> None:
+    metric = PointMetric(classes=("dashed", "solid"))
+    metric.update(classed((50, 30, 1), (51, 30, 0)), classed((50, 30, 0)), SIZE)
+    assert metric.compute() == pytest.approx(
+        of((30, 60, 30)) | of((30, 30, 30), "_dashed") | of((0, 30, 0), "_solid")
+    )
+
+
+def test_the_scores_of_a_class_are_those_of_its_lines_alone() -> None:
+    rng = np.random.default_rng(11)
+    names = ("a", "b", "c")
+    metric, totals = PointMetric(classes=names, radius=6.0), np.zeros((3, 3), np.int64)
+    for _ in range(4):
+        truth = wild_lines(rng, 5)
+        prediction = truth.with_vertices(truth.vertices + rng.normal(0, 3, truth.vertices.shape))
+        prediction = Polylines(
+            prediction.vertices, prediction.offsets, prediction.scores, rng.integers(0, 3, 5)
+        )
+        metric.update(prediction, truth, SIZE)
+        for label in range(3):
+            lines = prediction[prediction.labels == label], truth[truth.labels == label]
+            totals[label] += count_in_a_loop(*lines, 6.0)
+    assert totals.min() > 0
+    scores = metric.compute()
+    for name, numbers in zip(names, totals.tolist(), strict=True):
+        ours = {key: scores[key] for key in of((0, 0, 0), f"_{name}")}
+        assert ours == pytest.approx(of(tuple(numbers), f"_{name}"))
+
+
+def test_other_names_and_numbers_for_the_classes_change_nothing() -> None:
+    rng = np.random.default_rng(12)
+    prediction, truth = wild_lines(rng, 6), wild_lines(rng, 6)
+    metric, turned = PointMetric(classes=("a", "b", "c")), PointMetric(classes=("c", "a", "b"))
+    metric.update(prediction, truth, SIZE)
+    sides = (Polylines(s.vertices, s.offsets, labels=(s.labels + 1) % 3) for s in (prediction, truth))
+    turned.update(*sides, SIZE)
+    assert metric.compute() == turned.compute()
+    without = PointMetric()
+    without.update(prediction, truth, SIZE)
+    assert without.compute().items() <= metric.compute().items()
+
+
+def test_classes_know_ignored_regions_and_opposite_directions() -> None:
+    truth = classed((20, 30, 0), (80, 30, 1))
+    reverse = Polylines.from_list([line[::-1] for line in truth], labels=truth.labels)
+    box = np.array([[0, 70], [200, 70], [200, 100], [0, 100.0]])
+    metric = PointMetric(classes=("a", "b"), directed=False, score_curve=True)
+    metric.update(reverse, classed((20, 30, 0)), SIZE, [box])
+    scores = metric.compute()
+    assert {scores[name] for name in ("f1", "f1_a", "f1_b", "f1_at_0.00", "f1_at_0.95")} == {1}
+    directed = PointMetric(classes=("a", "b"))
+    directed.update(reverse, truth, SIZE)
+    assert directed.compute()["f1_a"] == directed.compute()["f1_b"] == 0
+
+
+def test_the_score_curve_matches_again_without_the_predictions_below() -> None:
+    metric = PointMetric(score_curve=True)
+    # The nearer line takes all the samples until it goes; then they are the other one's.
+    metric.update(scored((51, 0.3), (53, 0.8)), horizontal(50), SIZE)
+    curve = metric.score_curve()
+    np.testing.assert_array_equal(curve["threshold"], SCORE_THRESHOLDS)
+    np.testing.assert_array_equal(curve["precision"], [0.5] * 7 + [1] * 10 + [0] * 3)
+    np.testing.assert_array_equal(curve["recall"], [1] * 17 + [0] * 3)
+    np.testing.assert_allclose(curve["f1"], [2 / 3] * 7 + [1] * 10 + [0] * 3)
+    scores = metric.compute()
+    assert (scores["f1"], scores["f1_at_0.30"], scores["f1_at_0.35"]) == pytest.approx((2 / 3, 2 / 3, 1))
+    assert (scores["best_f1"], scores["best_threshold"]) == (1, 0.35)
+
+
+def test_a_score_of_exactly_the_threshold_is_kept() -> None:
+    metric = PointMetric(score_curve=True)
+    metric.update(scored(*((5 * i + 2.0, i / 20) for i in range(20))), horizontal(2), SIZE)
+    np.testing.assert_array_equal(metric.rows[0, 3:63:3], 50 * np.arange(20, 0, -1))
+
+
+def test_the_score_curve_is_that_of_the_predictions_above_alone() -> None:
+    rng = np.random.default_rng(13)
+    metric = PointMetric(radius=6.0, classes=("a", "b", "c"), score_curve=True)
+    totals = np.zeros((20, 3), np.int64)
+    for _ in range(2):
+        truth = wild_lines(rng, 2)
+        moved = truth.with_vertices(truth.vertices + rng.normal(0, 3, truth.vertices.shape))
+        prediction = Polylines.from_list([*moved, *wild_lines(rng, 4)], rng.integers(0, 101, 6) / 100)
+        metric.update(prediction, truth, SIZE)
+        for i in range(20):
+            above = prediction[prediction.scores >= i / 20]
+            totals[i] += count_in_a_loop(above, truth, 6.0)
+    curve, scores = metric.score_curve(), metric.compute()
+    for i, numbers in enumerate(totals.tolist()):
+        expected = of(tuple(numbers))
+        assert {name: curve[name][i] for name in expected} == pytest.approx(expected)
+        assert {name: scores[f"{name}_at_{i / 20:.2f}"] for name in expected} == pytest.approx(expected)
+    assert scores["f1_at_0.00"] == scores["f1"]
+    assert scores["best_f1"] == curve["f1"].max()
+    assert scores["best_threshold"] == curve["threshold"][curve["f1"].argmax()]
+
+
+@settings(deadline=None, max_examples=40)
+@given(lattice_lines, lattice_lines, st.randoms(use_true_random=False))
+def test_the_order_of_the_lines_matters_to_no_class_and_no_threshold(
+    pred: list, gt: list, random: object
+) -> None:
+    results = []
+    for _ in range(2):
+        metric = PointMetric(radius=3.0, classes=("a", "b"), score_curve=True)
+        sides = (
+            Polylines.from_list(lines, [len(v) / 5 for v in lines], [len(v) % 2 for v in lines])
+            for lines in (pred, gt)
+        )
+        metric.update(*sides, SIZE)
+        results.append(metric.compute())
+        random.shuffle(pred)  # type: ignore[attr-defined]
+        random.shuffle(gt)  # type: ignore[attr-defined]
+    assert results[0] == results[1]
+
+
+def test_options_leave_the_other_scores_alone() -> None:
+    rng = np.random.default_rng(14)
+    plain, full = PointMetric(), PointMetric(classes=("a", "b", "c"), score_curve=True)
+    for _ in range(3):
+        prediction, truth = wild_lines(rng, 5), wild_lines(rng, 5)
+        plain.update(prediction, truth, SIZE)
+        full.update(prediction, truth, SIZE)
+    assert plain.compute().items() <= full.compute().items()
+    for name, values in plain.curve().items():
+        np.testing.assert_array_equal(values, full.curve()[name])
+
+
+def test_the_names_of_the_scores_do_not_depend_on_the_images() -> None:
+    nothing = Polylines.from_list([])
+    names = []
+    for prediction in (nothing, classed((20, 30, 1))):
+        metric = PointMetric(classes=("a", "b"), score_curve=True)
+        metric.update(prediction, nothing, SIZE)
+        names.append(list(metric.compute()))
+    assert names[0] == names[1]
+    assert len(names[0]) == 3 * (1 + 2 + 20) + 2
+
+
+def test_weights_and_intervals_reach_classes_and_thresholds() -> None:
+    rng = np.random.default_rng(15)
+    images = [(wild_lines(rng, 4), wild_lines(rng, 4)) for _ in range(3)]
+
+    def scores_of(*chosen: int) -> PointMetric:
+        metric = PointMetric(radius=20.0, classes=("a", "b", "c"), score_curve=True)
+        for i in chosen:
+            metric.update(*images[i], SIZE)
+        return metric
+
+    metric = scores_of(0, 1, 2)
+    weighted = metric.weighted(np.array([[2.0, 0.0, 1.0], [0.0, 1.0, 0.0]]))
+    for row, chosen in enumerate(((0, 0, 2), (1,))):
+        expected = scores_of(*chosen).compute()
+        assert {name: values[row] for name, values in weighted.items()} == pytest.approx(expected)
+    intervals = bootstrap_intervals(metric, np.random.default_rng(0), resamples=50)
+    assert set(intervals) == set(metric.compute())
+    low, high = intervals["f1_at_0.50"]
+    assert 0 <= low < high <= 1
+
+
+def test_labels_need_a_class_where_there_are_classes() -> None:
+    metric = PointMetric(classes=("dashed", "solid"))
+    with pytest.raises(ValueError, match=r"truth has the label 2, but labels must be 0 to 1 \(dashed, solid"):
+        metric.update(classed((20, 30, 0)), classed((20, 30, 2)), SIZE)
+    with pytest.raises(ValueError, match="prediction has the label -1"):
+        metric.update(classed((20, 30, -1)), classed((20, 30, 1)), SIZE)
+    with pytest.raises(ValueError, match="different names, got solid, solid"):
+        PointMetric(classes=("solid", "solid"))
+    with pytest.raises(ValueError, match="make it with score_curve=True"):
+        metric.score_curve()
+    with pytest.raises(ValueError, match="first image"):
+        PointMetric(score_curve=True).score_curve()
 
 
 def test_empty_sides_have_defined_scores() -> None:

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from yolino.metrics.samples import sample_lines
+from yolino.geometry import clip_segments
+from yolino.metrics.samples import require_classes, sample_lines
 from yolino.types import Polylines, Segments
 
 SIZE = (100, 200)
@@ -84,6 +85,47 @@ def test_the_counts_and_owners_are_those_of_each_polyline_alone(lines: list) -> 
     np.testing.assert_allclose(np.linalg.norm(samples.directions, axis=1), 1)
 
 
+def sample_in_a_loop(line: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """The definition for one polyline, in plain loops: cut, measure, walk."""
+    pieces, _ = clip_segments(np.stack([line[:-1], line[1:]], axis=1), size)
+    lengths = [math.dist(start, end) for start, end in pieces]
+    total = sum(lengths)
+    count = max(1, math.floor(total + 0.5)) if total > 0 else 0
+    points = []
+    for k in range(count):
+        at = (k + 0.5) * total / count
+        for (start, end), length in zip(pieces, lengths, strict=True):
+            if at < length:
+                points.append(start + (end - start) * at / length)
+                break
+            at -= length
+    return np.array(points).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_samples_equal_a_loop_over_lines_that_leave_the_image(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lines = [rng.uniform(-1, 2, (rng.integers(2, 6), 2)) * [200, 100] for _ in range(4)]
+    # Along the border, from corner to corner, and level: where cutting divides by zero.
+    lines += [
+        np.array(v, float) for v in ([[0, -50], [0, 150]], [[-20, 50], [220, 50]], [[-9, -9], [300, 300]])
+    ]
+    samples = sample_lines(Polylines.from_list(lines), SIZE)
+    expected = [sample_in_a_loop(line, SIZE) for line in lines]
+    np.testing.assert_array_equal(samples.owners, np.repeat(range(7), [len(points) for points in expected]))
+    np.testing.assert_allclose(samples.points, np.concatenate(expected), atol=1e-9)
+    alone = sample_lines(Segments(Polylines.from_list(lines).endpoints), SIZE)
+    pieces = [sample_in_a_loop(piece, SIZE) for piece in Polylines.from_list(lines).endpoints]
+    np.testing.assert_allclose(alone.points, np.concatenate(pieces), atol=1e-9)
+
+
+def test_views_and_read_only_arrays_are_welcome() -> None:
+    vertices = np.array([[0, 5], [9, 9], [30, 40], [9, 9], [90, 70], [9, 9]], float)[::2]
+    vertices.setflags(write=False)
+    assert len(sample_lines(Polylines(vertices, [0, 3]), SIZE)) == 113
+    assert len(sample_lines(Segments(np.stack([vertices[:1], vertices[1:2]], axis=1)[::-1]), SIZE)) == 46
+
+
 def test_segments_are_sampled_one_by_one() -> None:
     segments = Segments(np.array([[[0, 0], [3, 0]], [[3, 0], [3, 2]], [[9, 9], [9, 9]]]), labels=[4, 2, 1])
     samples = sample_lines(segments, SIZE)
@@ -140,3 +182,14 @@ def test_bad_arguments_are_named() -> None:
         sample_lines(line, SIZE, ignore=[np.zeros((2, 2))])
     with pytest.raises(ValueError, match="at least 3 finite corners"):
         sample_lines(line, SIZE, ignore=[np.full((4, 2), np.nan)])
+
+
+def test_labels_must_be_classes() -> None:
+    lines = Segments(np.zeros((2, 2, 2)), labels=[0, 2])
+    require_classes(lines, "truth", ())
+    require_classes(lines, "truth", ("a", "b", "c"))
+    require_classes(lines[:0], "truth", ("a",))
+    with pytest.raises(ValueError, match=r"truth has the label 2, but labels must be 0 to 1 \(a, b\)"):
+        require_classes(lines, "truth", ("a", "b"))
+    with pytest.raises(ValueError, match="truth has the label -1, but labels must be 0 or more"):
+        require_classes(Segments(np.zeros((1, 2, 2)), labels=[-1]), "truth", ())

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from yolino.metrics.bootstrap import bootstrap_intervals
 from yolino.metrics.classes import ClassMetric
+from yolino.metrics.culane import CULaneMetric
+from yolino.metrics.instances import ChamferMetric, FrechetMetric
 from yolino.metrics.metric import Metric, SumMetric
 from yolino.metrics.points import PointMatch, PointMetric, match_points
 from yolino.metrics.samples import Samples, sample_lines
@@ -13,11 +15,17 @@ METRICS: dict[str, type[Metric]] = {
     "points": PointMetric,
     "tusimple": TuSimpleMetric,
     "classes": ClassMetric,
+    "culane": CULaneMetric,
+    "chamfer": ChamferMetric,
+    "frechet": FrechetMetric,
 }
 
 __all__ = [
     "METRICS",
+    "CULaneMetric",
+    "ChamferMetric",
     "ClassMetric",
+    "FrechetMetric",
     "Metric",
     "PointMatch",
     "PointMetric",

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from yolino.metrics.metric import Lines, SumMetric
 from yolino.metrics.points import PointMetric
+from yolino.metrics.samples import require_classes
 
 
 class ClassMetric(SumMetric):
@@ -58,7 +59,7 @@ class ClassMetric(SumMetric):
         Raises:
             ValueError: A label is negative or names no class.
         """
-        n = max(self._check(prediction, "prediction"), self._check(truth, "truth"))
+        n = max(self._side_for(prediction, "prediction"), self._side_for(truth, "truth"))
         match = self._points.match(prediction, truth, size, ignore)
         found, wanted = match.prediction.labels[match.pairs[:, 0]], match.truth.labels[match.pairs[:, 1]]
         confusion = np.bincount(wanted * n + found, minlength=n * n).astype(np.float64)
@@ -80,6 +81,10 @@ class ClassMetric(SumMetric):
     def confusion(self) -> Int[np.ndarray, "c c"]:
         """Number of found samples of each true class (row) and predicted class (column).
 
+        `confusion[t, p]` counts the pairs of `match_points` whose ground truth has label t and whose
+        prediction has label p. Its size is the number of `classes`, or without names the largest label so
+        far plus 1. What was not found, and what was predicted where nothing is, is not in it.
+
         Raises:
             ValueError: There is no image yet.
         """
@@ -94,17 +99,10 @@ class ClassMetric(SumMetric):
         nothing = (sums[..., 0] == 0).astype(np.float64)
         return {"class_accuracy": np.where(found > 0, right / np.where(found > 0, found, 1.0), nothing)}
 
-    def _check(self, lines: Lines, name: str) -> int:
+    def _side_for(self, lines: Lines, name: str) -> int:
         """Gives the number of classes that the labels need."""
-        low, high = int(lines.labels.min(initial=0)), int(lines.labels.max(initial=0))
-        if low < 0 or (self.classes and high >= len(self.classes)):
-            allowed = (
-                f"0 to {len(self.classes) - 1} ({', '.join(self.classes)})" if self.classes else "0 or more"
-            )
-            raise ValueError(
-                f"The {name} has the label {low if low < 0 else high}, but labels must be {allowed}."
-            )
-        return len(self.classes) or high + 1
+        require_classes(lines, name, self.classes)
+        return len(self.classes) or int(lines.labels.max(initial=0)) + 1
 
 
 def _side(row: Float[np.ndarray, "*b k"]) -> int:

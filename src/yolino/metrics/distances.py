@@ -7,16 +7,75 @@ distance of two lines that cover each other is therefore not 0 but less than the
 from __future__ import annotations
 
 import math
-from typing import no_type_check
+from collections.abc import Sequence
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
 
-from yolino.geometry import cumulative_length
+from yolino.geometry import clip_polylines, cumulative_length
+from yolino.metrics.metric import Lines
+from yolino.metrics.samples import _check, _inside
 from yolino.types import Polylines
 
 SAMPLES = 100  # VectorMapNet, MapTR
+# Pixels: what is left of a line after cutting it at the image's border is no line below this length.
+SHORTEST = 1.0
+_ROUNDING = 1 + 1e-9  # a pair exactly at the limit is not beyond it
+
+
+class VisibleLines(NamedTuple):
+    """Lines as evenly spaced points, in an order that does not depend on the order they were given in.
+
+    Attributes:
+        lines: The points of each line as its vertices, in pixels; the highest score first.
+        optional: Which lines lie in ignored regions with more than half of their points.
+    """
+
+    lines: Polylines
+    optional: Bool[np.ndarray, " n"]
+
+
+def visible_lines(
+    lines: Lines,
+    size: tuple[int, int],
+    ignore: Sequence[Float[np.ndarray, "_ 2"]] = (),
+    *,
+    samples: int = SAMPLES,
+) -> VisibleLines:
+    """Gives the lines as points inside the image and outside the ignored polygons.
+
+    Lines are cut at the image's border; one that leaves the image and returns becomes several. Of each part
+    the points outside the polygons are left. Parts shorter than a pixel and parts without points are dropped.
+
+    Args:
+        lines: Segments or polylines in pixels.
+        size: `(height, width)` of the image.
+        ignore: Polygons (even-odd rule) in pixels; points inside one are removed.
+        samples: Number of points on each part before those inside polygons are removed.
+
+    Raises:
+        ValueError: A coordinate or a score is not finite, a polygon has less than three corners, `size` is
+            not positive, or `samples` is less than 2.
+    """
+    _check(lines, size, ignore, 1.0)
+    if not np.isfinite(lines.scores).all():
+        raise ValueError("A line has a score that is NaN or infinite: give it a number.")
+    if not isinstance(lines, Polylines):
+        offsets = 2 * np.arange(len(lines) + 1)
+        lines = Polylines(lines.endpoints.reshape(-1, 2), offsets, lines.scores, lines.labels)
+    lines = clip_polylines(lines, size)
+    sampled = sample_polylines(lines[lines.lengths >= SHORTEST], samples)
+    outside = np.ones(len(sampled.vertices), np.bool_)
+    for polygon in ignore:
+        outside &= ~_inside(sampled.vertices, np.asarray(polygon, dtype=np.float64))
+    left = outside.reshape(-1, samples).sum(axis=1)
+    offsets = np.concatenate([[0], np.cumsum(left)])
+    lines = Polylines(sampled.vertices[outside], offsets, sampled.scores, sampled.labels)
+    points = [vertices.tobytes() for vertices in lines]
+    order = np.array(sorted(np.flatnonzero(left), key=lambda i: (-lines.scores[i], points[i])), np.int64)
+    return VisibleLines(lines[order], (2 * left < samples)[order])
 
 
 def sample_polylines(polylines: Polylines, samples: int = SAMPLES) -> Polylines:
@@ -45,7 +104,7 @@ def sample_polylines(polylines: Polylines, samples: int = SAMPLES) -> Polylines:
 
 
 def chamfer(a: Float[np.ndarray, "v 2"], b: Float[np.ndarray, "w 2"], *, samples: int = SAMPLES) -> float:
-    """Gives the Chamfer distance of two polylines (VectorMapNet, Sec. 4.1; MapTR, Sec. 4.1).
+    """Gives the Chamfer distance of two polylines (VectorMapNet, MapTR).
 
     The mean distance from the points on `a` to their nearest point on `b`, and the same from `b` to `a`; the
     mean of the two. It has no direction: reversing a line leaves it alone.
@@ -95,7 +154,7 @@ def chamfer_distances(a: Polylines, b: Polylines, *, limit: float = math.inf) ->
         b: Lines as evenly spaced points, in the same unit.
         limit: Pairs that are certainly farther apart than this are infinitely far.
     """
-    return np.asarray(_chamfer(a.vertices, a.offsets, b.vertices, b.offsets, _near(a, b, limit)))
+    return np.asarray(_chamfer((a.vertices, a.offsets), (b.vertices, b.offsets), _near(a, b, limit)))
 
 
 def frechet_distances(
@@ -110,13 +169,14 @@ def frechet_distances(
         limit: Pairs that are certainly farther apart than this are infinitely far.
     """
     near = _near(a, b, limit)
-    forward = _frechet(a.vertices, a.offsets, b.vertices, b.offsets, near, limit)
+    walker, other = (a.vertices, a.offsets), (b.vertices, b.offsets)
+    forward = np.asarray(_frechet(walker, other, near, limit))
     if directed:
-        return np.asarray(forward)
+        return forward
     # Reversing all points at once also reverses the order of the lines.
-    offsets = b.offsets[-1] - b.offsets[::-1]
-    backward = _frechet(a.vertices, a.offsets, b.vertices[::-1].copy(), offsets, near[:, ::-1].copy(), limit)
-    return np.minimum(forward, backward[:, ::-1])
+    other = (b.vertices[::-1].copy(), b.offsets[-1] - b.offsets[::-1])
+    backward = np.asarray(_frechet(walker, other, near[:, ::-1].copy(), limit))
+    return np.asarray(np.minimum(forward, backward[:, ::-1]))
 
 
 def _near(a: Polylines, b: Polylines, limit: float) -> Bool[np.ndarray, "n m"]:
@@ -126,7 +186,7 @@ def _near(a: Polylines, b: Polylines, limit: float) -> Bool[np.ndarray, "n m"]:
     low_a, high_a = (each.reduceat(a.vertices, a.offsets[:-1]) for each in (np.minimum, np.maximum))
     low_b, high_b = (each.reduceat(b.vertices, b.offsets[:-1]) for each in (np.minimum, np.maximum))
     gap = np.maximum(np.maximum(low_a[:, None] - high_b, low_b - high_a[:, None]), 0.0)
-    return np.asarray(np.hypot(gap[..., 0], gap[..., 1]) <= limit)
+    return np.asarray(np.hypot(gap[..., 0], gap[..., 1]) <= limit * _ROUNDING)
 
 
 # The kernels take plain arrays; no_type_check keeps runtime type checkers from wrapping what numba compiles.
@@ -134,7 +194,9 @@ def _near(a: Polylines, b: Polylines, limit: float) -> Bool[np.ndarray, "n m"]:
 
 @njit(cache=True)
 @no_type_check
-def _chamfer(a, a_offsets, b, b_offsets, near):
+def _chamfer(lines, others, near):
+    a, a_offsets = lines
+    b, b_offsets = others
     distances = np.full(near.shape, np.inf)
     for row in range(near.shape[0]):
         for column in range(near.shape[1]):
@@ -161,7 +223,9 @@ def _chamfer(a, a_offsets, b, b_offsets, near):
 
 @njit(cache=True)
 @no_type_check
-def _frechet(a, a_offsets, b, b_offsets, near, limit):
+def _frechet(lines, others, near, limit):
+    a, a_offsets = lines
+    b, b_offsets = others
     distances = np.full(near.shape, np.inf)
     for row in range(near.shape[0]):
         for column in range(near.shape[1]):
@@ -169,7 +233,7 @@ def _frechet(a, a_offsets, b, b_offsets, near, limit):
                 reach = _walk(
                     a[a_offsets[row] : a_offsets[row + 1]],
                     b[b_offsets[column] : b_offsets[column + 1]],
-                    limit * limit,
+                    limit * limit * _ROUNDING,
                 )
                 distances[row, column] = np.sqrt(reach)
     return distances
@@ -201,9 +265,12 @@ def _walk(a, b, limit):
 
 __all__ = [
     "SAMPLES",
+    "SHORTEST",
+    "VisibleLines",
     "chamfer",
     "chamfer_distances",
     "frechet",
     "frechet_distances",
     "sample_polylines",
+    "visible_lines",
 ]

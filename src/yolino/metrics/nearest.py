@@ -1,8 +1,9 @@
 """The nearest sample of a similar direction: a compiled search over square bins.
 
-Bins are searched ring by ring around the query until no nearer sample can come, so the time is linear in the
-number of samples as long as lines are lines. Memory is linear in the number of samples whatever the image
-size.
+A growing window of bins around the query is searched until no nearer sample can come. Queries that follow one
+another along a line have neighboring answers, so each answer bounds the window of the next query. The time is
+linear in the number of samples as long as lines are lines. Memory is linear in the number of samples whatever
+the image size.
 """
 
 from __future__ import annotations
@@ -70,24 +71,28 @@ def pair_samples(
 
 
 # The kernels take plain arrays; no_type_check keeps runtime type checkers from wrapping what numba compiles.
-# A query is (x, y, direction x, direction y, least cosine, directed).
+# A row of the table is (x, y, direction x, direction y, label) of a sample, in the order of the bins. A query
+# is (x, y, direction x, direction y, least cosine, directed). Arrays are indexed by two numbers at once where
+# time matters: numba counts references of every row that is taken out.
 
 
 @njit(cache=True)
 @no_type_check
 def _to_bins(points, side):
-    """Gives the bins (origin, side, rows, columns, where each begins) and the points in the bins' order."""
+    """Gives the bins (origin, bins per pixel, rows, columns), where each begins, and the points in them."""
     x0, y0 = points[0]
     x1, y1 = points[0]
-    for x, y in points:
-        x0, y0, x1, y1 = min(x0, x), min(y0, y), max(x1, x), max(y1, y)
+    for i in range(len(points)):
+        x0, x1 = min(x0, points[i, 0]), max(x1, points[i, 0])
+        y0, y1 = min(y0, points[i, 1]), max(y1, points[i, 1])
     most = 4 * len(points) + 1024
     side = max(side, np.sqrt((x1 - x0) * (y1 - y0) / most), (x1 - x0) / most, (y1 - y0) / most)
-    rows, cols = int((y1 - y0) / side) + 1, int((x1 - x0) / side) + 1
+    per = 1 / side
+    rows, cols = int((y1 - y0) * per) + 1, int((x1 - x0) * per) + 1
     homes = np.empty(len(points), np.int64)
     first = np.zeros(rows * cols + 1, np.int64)
     for i in range(len(points)):
-        homes[i] = int((points[i, 1] - y0) / side) * cols + int((points[i, 0] - x0) / side)
+        homes[i] = int((points[i, 1] - y0) * per) * cols + int((points[i, 0] - x0) * per)
         first[homes[i] + 1] += 1
     for b in range(rows * cols):
         first[b + 1] += first[b]
@@ -96,42 +101,65 @@ def _to_bins(points, side):
     for i in range(len(points)):
         members[free[homes[i]]] = i
         free[homes[i]] += 1
-    return (x0, y0, side, rows, cols, first), members
+    return (x0, y0, per, rows, cols), first, members
 
 
 @njit(cache=True)
 @no_type_check
-def _precedes(i, best, query, samples):
+def _to_table(samples, members):
+    """Gives the samples in the order of the bins."""
+    points, directions, labels = samples
+    table = np.empty((len(members), 5))
+    for row in range(len(members)):
+        i = members[row]
+        table[row, 0], table[row, 1] = points[i, 0], points[i, 1]
+        table[row, 2], table[row, 3] = directions[i, 0], directions[i, 1]
+        table[row, 4] = labels[i]
+    return table
+
+
+@njit(cache=True)
+@no_type_check
+def _span(low, high, count):
+    """Gives the bins, first and end, that hold what lies between two places given in bins."""
+    return int(min(max(low, 0.0), count)), int(min(max(high + 1, 0.0), count))
+
+
+@njit(cache=True)
+@no_type_check
+def _along(i, query, table):
+    """Tells whether sample i points along the query."""
+    dot = table[i, 2] * query[2] + table[i, 3] * query[3]
+    return (dot if query[5] else abs(dot)) >= query[4]
+
+
+@njit(cache=True)
+@no_type_check
+def _precedes(i, best, query, table):
     """Tells whether sample i goes before the equally close sample best."""
-    points, _, labels = samples
     ux, uy = query[2], query[3]
-    dx, dy = points[i, 0] - points[best, 0], points[i, 1] - points[best, 1]
+    dx, dy = table[i, 0] - table[best, 0], table[i, 1] - table[best, 1]
     ahead, right = dx * ux + dy * uy, dy * ux - dx * uy
     if abs(ahead) > _SAME:
         return ahead > 0
     if abs(right) > _SAME:
         return right > 0
-    if labels[i] != labels[best]:
-        return labels[i] < labels[best]
+    if table[i, 4] != table[best, 4]:
+        return table[i, 4] < table[best, 4]
     return i < best
 
 
 @njit(cache=True)
 @no_type_check
-def _scan(first, end, query, samples, nearest):
+def _scan(first, end, query, table, nearest):
     """Gives the best sample and its squared distance after looking at some more samples."""
-    x, y, ux, uy, cosine, directed = query
-    points, directions, _ = samples
     best, squared = nearest
     for i in range(first, end):
-        dx, dy = points[i, 0] - x, points[i, 1] - y
+        dx, dy = table[i, 0] - query[0], table[i, 1] - query[1]
         here = dx * dx + dy * dy
-        if here > squared + _SAME_SQUARED:
+        if here > squared + _SAME_SQUARED or not _along(i, query, table):
             continue
-        dot = directions[i, 0] * ux + directions[i, 1] * uy
-        if (dot if directed else abs(dot)) < cosine:
-            continue
-        if best < 0 or here < squared - _SAME_SQUARED or _precedes(i, best, query, samples):
+        if best < 0 or here < squared - _SAME_SQUARED or _precedes(i, best, query, table):
             best = i
         squared = min(squared, here)
     return best, squared
@@ -139,28 +167,25 @@ def _scan(first, end, query, samples, nearest):
 
 @njit(cache=True)
 @no_type_check
-def _search(query, samples, bins, radius):
-    """Gives the closest sample and its squared distance, searching rings of bins from the inside out."""
-    x0, y0, side, rows, cols, first = bins
-    x, y = query[0] - x0, query[1] - y0
-    col, row = int(np.floor(x / side)), int(np.floor(y / side))
-    x, y = x - col * side, y - row * side
-    inset = min(x, side - x, y, side - y)
-    nearest = -1, radius * radius
-    ring = max(0, -col, col - cols + 1, -row, row - rows + 1)
-    last = max(col, cols - 1 - col, row, rows - 1 - row)
-    while ring <= last and (ring == 0 or ((ring - 1) * side + inset) ** 2 <= nearest[1] + _SAME_SQUARED):
-        left, right = max(col - ring, 0), min(col + ring, cols - 1)
-        for r in range(max(row - ring, 0), min(row + ring, rows - 1) + 1):
-            base = r * cols
-            if abs(r - row) == ring:
-                nearest = _scan(first[base + left], first[base + right + 1], query, samples, nearest)
-                continue
-            for c in (col - ring, col + ring):
-                if 0 <= c < cols:
-                    nearest = _scan(first[base + c], first[base + c + 1], query, samples, nearest)
-        ring += 1
-    return nearest
+def _search(query, table, bins, first, squared):
+    """Gives the closest sample, at most the squared distance away, or -1; and its squared distance."""
+    x0, y0, per, rows, cols = bins
+    x, y = (query[0] - x0) * per, (query[1] - y0) * per
+    nearest = -1, squared
+    bound = np.sqrt(squared + _SAME_SQUARED)
+    reach = min(1 / per, bound)
+    while True:
+        half = (reach + _SAME) * per
+        left, right = _span(x - half, x + half, cols)
+        top, bottom = _span(y - half, y + half, rows)
+        for row in range(top, bottom):
+            begin = row * cols
+            nearest = _scan(first[begin + left], first[begin + right], query, table, nearest)
+        bound = np.sqrt(nearest[1] + _SAME_SQUARED)
+        if reach >= bound:
+            return nearest
+        # A bin is mostly a quarter of the radius: the second window is the last.
+        reach = min(5 * reach, bound)
 
 
 @njit(cache=True)
@@ -170,16 +195,22 @@ def _nearest(queries, samples, radius, cosine, directed):
     nearest, distances = np.full(len(points), -1), np.full(len(points), np.inf)
     if len(samples[0]) == 0:
         return nearest, distances
-    bins, order = _to_bins(samples[0], min(max(radius / 4, _SMALLEST_BIN), _BIN))
-    samples = (samples[0][order], samples[1][order], samples[2][order])
+    bins, first, members = _to_bins(samples[0], min(max(radius / 4, _SMALLEST_BIN), _BIN))
+    table = _to_table(samples, members)
+    best = -1
     for q in range(len(points)):
-        ux, uy = directions[q]
+        x, y, ux, uy = points[q, 0], points[q, 1], directions[q, 0], directions[q, 1]
         if not directed and (ux < 0 or (ux == 0 and uy < 0)):
             ux, uy = -ux, -uy
-        query = (points[q, 0], points[q, 1], ux, uy, cosine, directed)
-        best, squared = _search(query, samples, bins, radius)
+        query = (x, y, ux, uy, cosine, directed)
+        squared = radius * radius
+        # Nothing farther than the answer to the last query can be the answer to this one.
+        if best >= 0 and _along(best, query, table):
+            dx, dy = table[best, 0] - x, table[best, 1] - y
+            squared = min(squared, dx * dx + dy * dy)
+        best, squared = _search(query, table, bins, first, squared)
         if best >= 0:
-            nearest[q], distances[q] = order[best], np.sqrt(squared)
+            nearest[q], distances[q] = members[best], np.sqrt(squared)
     return nearest, distances
 
 

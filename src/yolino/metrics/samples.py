@@ -10,9 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numba import njit
 
-from yolino.geometry import clip_segments
 from yolino.metrics.metric import Lines
 from yolino.types import Polylines
+
+# Shorter runs along an axis are none: division by them would overflow.
+_LEVEL = 1e-290
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +71,38 @@ def sample_lines(
             not positive.
     """
     _check(lines, size, ignore, spacing)
-    pieces, kept = clip_segments(lines.endpoints, size)
-    owners = lines.owners[kept] if isinstance(lines, Polylines) else kept
-    points, directions, source = _sample(pieces, owners, spacing)
-    samples = Samples(points, directions, lines.labels[source], source)
+    vertices, offsets = _vertices(lines)
+    pieces, lengths = _clip(vertices, offsets, float(size[1]), float(size[0]))
+    samples = Samples(*_sample(pieces, lengths, offsets, np.array(lines.labels), spacing))
     for polygon in ignore:
         samples = samples[~_inside(samples.points, np.asarray(polygon, dtype=np.float64))]
     return samples
+
+
+def require_classes(lines: Lines, name: str, classes: Sequence[str]) -> None:
+    """Raises ValueError if a label is negative, or if there are classes and it is no index of them.
+
+    Args:
+        lines: Lines with labels.
+        name: What the message calls them.
+        classes: Names of the classes; empty: any number of them.
+    """
+    low, high = int(lines.labels.min(initial=0)), int(lines.labels.max(initial=0))
+    if low < 0 or (classes and high >= len(classes)):
+        allowed = f"0 to {len(classes) - 1} ({', '.join(classes)})" if classes else "0 or more"
+        raise ValueError(
+            f"The {name} has the label {low if low < 0 else high}, but labels must be {allowed}."
+        )
+
+
+def _vertices(lines: Lines) -> tuple[Float[np.ndarray, "v 2"], Int[np.ndarray, " n_plus_1"]]:
+    """Gives the vertices of all lines, and where each line begins in them and the last ends.
+
+    Both are copies: views and read-only arrays would have the kernels compiled again.
+    """
+    if isinstance(lines, Polylines):
+        return np.array(lines.vertices, order="C"), np.array(lines.offsets)
+    return np.array(lines.endpoints, order="C").reshape(-1, 2), np.arange(len(lines) + 1) * 2
 
 
 def _check(
@@ -104,47 +131,68 @@ def _count(length, spacing):
 
 @njit(cache=True)
 @no_type_check
-def _line_ends(owners, lengths):
-    """Gives where each line ends in the pieces, and the length of each line."""
-    ends = np.empty(len(owners), np.int64)
-    totals = np.zeros(len(owners))
-    lines = 0
-    for i in range(len(owners)):
-        if i > 0 and owners[i] != owners[i - 1]:
-            lines += 1
-        ends[lines] = i + 1
-        totals[lines] += lengths[i]
-    return ends[: lines + (len(owners) > 0)], totals
+def _clip_axis(start, delta, limit):
+    """Gives where (0 to 1) the way from start by delta enters [0, limit], and where it leaves it."""
+    if abs(delta) < _LEVEL:
+        return (0.0, 1.0) if 0 <= start <= limit else (1.0, 0.0)
+    low, high = -start / delta, (limit - start) / delta
+    return max(min(low, high), 0.0), min(max(low, high), 1.0)
 
 
 @njit(cache=True)
 @no_type_check
-def _sample(pieces, owners, spacing):
-    """Gives points, unit directions and owners; the pieces of one line stand together."""
-    delta = pieces[:, 1] - pieces[:, 0]
-    lengths = np.hypot(delta[:, 0], delta[:, 1])
-    ends, totals = _line_ends(owners, lengths)
-    size = 0
-    for line in range(len(ends)):
+def _clip(vertices, offsets, width, height):
+    """Gives start and extent of the part inside of the piece that begins at each vertex, and its length.
+
+    The cut of `yolino.geometry.clip_segments`. Where no piece begins or nothing is inside the length is 0.
+    """
+    pieces, lengths = np.zeros((len(vertices), 4)), np.zeros(len(vertices))
+    for line in range(len(offsets) - 1):
+        for i in range(offsets[line], offsets[line + 1] - 1):
+            x, y = vertices[i, 0], vertices[i, 1]
+            end_x, end_y = vertices[i + 1, 0], vertices[i + 1, 1]
+            dx, dy = end_x - x, end_y - y
+            enter_x, leave_x = _clip_axis(x, dx, width)
+            enter_y, leave_y = _clip_axis(y, dy, height)
+            enter, leave = max(enter_x, enter_y), min(leave_x, leave_y)
+            if enter >= leave:
+                continue
+            if leave < 1:
+                end_x, end_y = x + leave * dx, y + leave * dy
+                end_x, end_y = min(max(end_x, 0.0), width), min(max(end_y, 0.0), height)
+            if enter > 0:
+                x, y = min(max(x + enter * dx, 0.0), width), min(max(y + enter * dy, 0.0), height)
+            pieces[i, 0], pieces[i, 1], pieces[i, 2], pieces[i, 3] = x, y, end_x - x, end_y - y
+            lengths[i] = np.hypot(end_x - x, end_y - y)
+    return pieces, lengths
+
+
+@njit(cache=True)
+@no_type_check
+def _sample(pieces, lengths, offsets, labels, spacing):
+    """Gives points, unit directions, labels and owners."""
+    totals, size = np.zeros(len(labels)), 0
+    for line in range(len(labels)):
+        for i in range(offsets[line], offsets[line + 1]):
+            totals[line] += lengths[i]
         size += _count(totals[line], spacing)
-    points, directions, source = np.empty((size, 2)), np.empty((size, 2)), np.empty(size, np.int64)
-    row = piece = 0
-    for line in range(len(ends)):
-        count = _count(totals[line], spacing)
-        walked, k = 0.0, 0
-        while piece < ends[line]:
-            length = lengths[piece]
+    points, directions = np.empty((size, 2)), np.empty((size, 2))
+    classes, owners = np.empty(size, np.int64), np.empty(size, np.int64)
+    row = 0
+    for line in range(len(labels)):
+        count, walked, k = _count(totals[line], spacing), 0.0, 0
+        for i in range(offsets[line], offsets[line + 1]):
+            x, y, dx, dy = pieces[i]
+            length = lengths[i]
             while k < count and (k + 0.5) * totals[line] / count < walked + length:
                 along = ((k + 0.5) * totals[line] / count - walked) / length
-                for axis in range(2):
-                    points[row, axis] = pieces[piece, 0, axis] + along * delta[piece, axis]
-                    directions[row, axis] = delta[piece, axis] / length
-                source[row] = owners[piece]
+                points[row, 0], points[row, 1] = x + along * dx, y + along * dy
+                directions[row, 0], directions[row, 1] = dx / length, dy / length
+                classes[row], owners[row] = labels[line], line
                 row += 1
                 k += 1
             walked += length
-            piece += 1
-    return points[:row], directions[:row], source[:row]
+    return points[:row], directions[:row], classes[:row], owners[:row]
 
 
 @njit(cache=True)
