@@ -95,10 +95,11 @@ def evaluate(
     samples = open_or_tell(chosen, classes=predictor.header.classes)
     if option_of_metric and not metric:
         raise ValueError("--set is for the arguments of a metric: name it with --metric.")
+    names = predictor.header.classes
     offered = {
         "radius": radius,
         "directed": predictor.header.directed and samples.directed and not undirected,
-        "classes": predictor.header.classes or None,
+        "classes": names if names and set(samples.classes) <= set(names) else None,
     }
     metrics = {name: build_metric(name, offered, option_of_metric or ()) for name in metric or ()}
     found = run(

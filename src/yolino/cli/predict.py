@@ -17,6 +17,8 @@ EPILOG = """
 - `yolino predict drive/ "extra/*.png" --out found --no-images` goes through a folder and a glob
 
 - `yolino predict clips/ --format tusimple` writes predictions.json as the TuSimple benchmark wants it
+
+- `yolino predict photos/ --format cvat` writes annotations.xml, for a person to correct in the labeling tool
 """
 
 
@@ -36,7 +38,8 @@ def predict(
         "yolino-out"
     ),
     format: Annotated[
-        str, typer.Option("--format", "-f", metavar="json|tusimple", help="Format of the results.")
+        str,
+        typer.Option("--format", "-f", metavar="NAME", help="json, tusimple, cvat, geojson, ..."),
     ] = "json",
     device: Device = "auto",
     images: Annotated[
@@ -58,12 +61,15 @@ def predict(
         predictor.warm_up()
     found: list[Found] = []
     with report_problems(problems):
-        for path, name in track(list(zip(paths, names, strict=True)), "predicting"):
-            try:
-                found.append(predict_one(predictor, path, name, writer))
-            except UnreadableError as error:
-                problems.append(str(error))
+        try:
+            for path, name in track(list(zip(paths, names, strict=True)), "predicting"):
+                try:
+                    found.append(predict_one(predictor, path, name, writer))
+                except UnreadableError as error:
+                    problems.append(str(error))
+        finally:  # whoever stops it keeps what was found
+            if found:
+                writer.finish(found)
         if found:
-            writer.finish(found)
             print_table(("image", "polylines", "ms"), rows(found))
             typer.echo(summary(found, out))

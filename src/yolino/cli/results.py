@@ -10,9 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import UInt8
 
+from yolino.datasets import WRITERS, Writer
 from yolino.datasets.tusimple import Record, benchmark_rows, polylines_to_record, write_records
 from yolino.inference import Predictor
 from yolino.io import FORMATS, Result, read_image, write_atomic, write_image
+from yolino.types import Sample
 from yolino.viz import draw_polylines
 
 TUSIMPLE = "tusimple"
@@ -33,7 +35,8 @@ class ResultWriter:
 
     Args:
         out: The folder.
-        format: A name in `FORMATS`: a file for each image; or "tusimple": one file of JSON lines for all.
+        format: A name in `FORMATS`: a file for each image; "tusimple": one file of JSON lines for all; or the
+            name of another format of labels, for a person to correct.
         pictures: Whether to write each image with its lines drawn.
 
     Raises:
@@ -41,9 +44,11 @@ class ResultWriter:
     """
 
     def __init__(self, out: Path, format: str, *, pictures: bool) -> None:
-        if format not in (*FORMATS, TUSIMPLE):
-            raise ValueError(f"The format {format!r} is unknown; use {' or '.join([*FORMATS, TUSIMPLE])}.")
+        known = [*FORMATS, TUSIMPLE, *(name for name in WRITERS if name not in (*FORMATS, TUSIMPLE))]
+        if format not in known:
+            raise ValueError(f"The format {format!r} is unknown; use one of {', '.join(known)}.")
         self.out, self.format, self.pictures = out, format, pictures
+        self._labels: Writer | None = None
 
     def refuse_overwriting(self, images: list[Path], names: list[str]) -> None:
         """Raises ValueError if a result would replace one of the images."""
@@ -61,6 +66,11 @@ class ResultWriter:
         """Writes the files of one image."""
         if self.format in FORMATS:
             write_atomic(self.out / f"{name}.{self.format}", FORMATS[self.format](result))
+        elif self.format != TUSIMPLE:
+            if self._labels is None:
+                directed = predictor.header.directed
+                self._labels = WRITERS[self.format](self.out, classes=result.classes, directed=directed)
+            self._labels.add(_as_sample(name, result))
         if self.pictures:
             color_by = "label" if len(result.classes) > 1 else "identity"
             directed = predictor.header.directed
@@ -69,6 +79,8 @@ class ResultWriter:
 
     def finish(self, found: list[Found]) -> None:
         """Writes the file of all images, where the format has one."""
+        if self._labels is not None:
+            self._labels.close()
         if self.format == TUSIMPLE:
             write_records(self.out / SUBMISSION, [_submission(one) for one in found])
 
@@ -117,6 +129,13 @@ def summary(found: list[Found], out: Path) -> str:
     images = f"{len(found)} image{'s' * (len(found) != 1)}"
     lines = f"{count} polyline{'s' * (count != 1)}"
     return f"{images}, {lines}, {median(one.milliseconds for one in found):.1f} ms per image -> {out}"
+
+
+def _as_sample(name: str, result: Result) -> Sample:
+    """Gives the result as labels of the image, which is called like its result."""
+    path = Path(result.image)
+    named = name if name.endswith(path.suffix) else name + path.suffix
+    return Sample(named, path, result.polylines, (), result.size)
 
 
 def _submission(found: Found) -> Record:
