@@ -190,7 +190,7 @@ def test_bad_images_are_told_one_by_one_and_the_others_are_finished(
         ),
         (["--model", "photo.jpg"], "has the suffix '.jpg'; known model files end in .onnx"),
         (["--device", "gpu"], "The device 'gpu' is unknown; use one of auto, cpu, cuda."),
-        (["--format", "xml"], "The format 'xml' is unknown; use json or tusimple."),
+        (["--format", "xml"], "The format 'xml' is unknown; use one of json, tusimple, culane"),
     ],
 )
 def test_mistakes_are_told_in_one_line(
@@ -281,3 +281,18 @@ def test_the_header_decides_whether_direction_is_drawn(
     assert run("predict", photo, "--model", "undirected.onnx", "--out", "undirected")[0] == 0
     assert run("predict", photo, "--model", "directed.onnx", "--out", "directed")[0] == 0
     assert (read_image("undirected/photo.png") != read_image("directed/photo.png")).any()
+
+
+@pytest.mark.parametrize("format", ["cvat", "labelme", "geojson", "coco", "labelstudio"])
+def test_results_can_be_labels_for_a_person_to_correct(
+    run: Run, model: Path, photo: Path, format: str
+) -> None:
+    code, _, _ = run("predict", photo, "--model", model, "--format", format, "--out", "found")
+    assert code == 0
+    run("predict", photo, "--model", model, "--out", "json")
+    code, out, err = run(
+        "score", "found", "json", "--json", "--metric", "chamfer", "--set", "thresholds=[0.01]"
+    )
+    assert (code, err) == (0, "")
+    assert json.loads(out)["ap"] == 1
+    assert json.loads(out)["images"] == 1

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from yolino.datasets import TuSimple
-from yolino.evaluate import evaluate
+from yolino.evaluate import evaluate, score_rows, write_report
 from yolino.inference import Predictor, load
 from yolino.io import read_image
-from yolino.metrics import score_files
+from yolino.metrics import ChamferMetric, TuSimpleMetric, score_files
 from yolino.types import Polylines, Sample
 
 ROWS = list(range(160, 720, 10))
@@ -179,3 +179,45 @@ def test_a_damaged_image_is_named(
     (tmp_path / "clips/1/20.png").write_bytes(b"x")
     with pytest.raises(ValueError, match=r"clips/1/20\.png"):
         evaluate(predictor, dataset)
+
+
+def test_chosen_metrics_have_their_names_and_intervals(
+    predictor: Predictor, write_dataset: Callable[..., TuSimple]
+) -> None:
+    dataset = write_dataset(SEEN, SEEN[:1], SEEN)
+    alone = evaluate(predictor, dataset, metrics={"chamfer": ChamferMetric()})
+    assert {"ap", "f1", "images", "fps", "ms"} <= alone.scores.keys()
+    assert "accuracy" not in alone.scores
+    both = evaluate(predictor, dataset, metrics={"chamfer": ChamferMetric(), "tusimple": TuSimpleMetric()})
+    assert both.scores["chamfer_ap"] == alone.scores["ap"]
+    assert both.scores["tusimple_accuracy"] == pytest.approx(evaluate(predictor, dataset).scores["accuracy"])
+    for name, (low, high) in both.intervals.items():
+        assert low <= both.scores[name] <= high
+    assert set(both.intervals) == set(both.scores) - {"images", "fps", "ms"}
+
+
+def test_intervals_come_from_groups(predictor: Predictor, write_dataset: Callable[..., TuSimple]) -> None:
+    """All frames in one group: there is nothing else to draw."""
+    dataset = write_dataset(SEEN, SEEN[:1], SEEN)
+    low, high = evaluate(predictor, dataset).intervals["fp"]
+    assert low < high
+    low, high = evaluate(predictor, dataset, groups=lambda name: name[:5]).intervals["fp"]
+    assert low == high
+
+
+def test_the_report_shows_scores_and_the_worst(
+    predictor: Predictor, write_dataset: Callable[..., TuSimple], tmp_path: Path
+) -> None:
+    found = evaluate(predictor, write_dataset(SEEN, [20.0]), save=tmp_path / "scores", worst=1)
+    assert [bad.name for bad in found.worst] == ["clips/1/20.png"]
+    write_report(tmp_path / "scores", found, title="tiny <model>", facts=["fact & figure"])
+    text = (tmp_path / "scores/report.md").read_text()
+    assert "# tiny <model>" in text
+    assert "- fact & figure" in text
+    low, high = found.intervals["accuracy"]
+    assert f"| accuracy | {found.scores['accuracy']:.4f} | {low:.3f} .. {high:.3f} |" in text
+    assert "![](worst/01-clips-1-20.png)" in text
+    page = (tmp_path / "scores/report.html").read_text()
+    assert "<h1>tiny &lt;model&gt;</h1>" in page
+    assert 'src="worst/01-clips-1-20.png"' in page
+    assert page.count("<td>") == 3 * len(score_rows(found))

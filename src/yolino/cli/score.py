@@ -107,7 +107,7 @@ def _shape(text: str | None) -> tuple[int, int] | None:
 
 
 def _print(
-    values: Mapping[str, float],
+    values: Mapping[str, float | int],
     intervals: Mapping[str, tuple[float, float]],
     categories: Mapping[str, Mapping[str, float]],
     *,

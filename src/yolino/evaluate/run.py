@@ -43,7 +43,7 @@ class Evaluation:
         worst: The worst images, the worst first, if pictures were asked for.
     """
 
-    scores: dict[str, float]
+    scores: dict[str, float | int]
     intervals: dict[str, Interval]
     worst: Sequence[BadImage] = ()
 
@@ -170,9 +170,9 @@ class _Scores:
             found.insert(len(found) - ("classes" in self.lines), ("segment_", self.segments, None))
         return found
 
-    def compute(self, groups: Sequence[str] | None) -> tuple[dict[str, float], dict[str, Interval]]:
+    def compute(self, groups: Sequence[str] | None) -> tuple[dict[str, float | int], dict[str, Interval]]:
         """Gives the scores and their intervals by name."""
-        scores: dict[str, float] = {}
+        scores: dict[str, float | int] = {}
         intervals: dict[str, Interval] = {}
         for prefix, metric, wanted in self._metrics():
             values = metric.compute()

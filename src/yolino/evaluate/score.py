@@ -146,7 +146,7 @@ class Scores:
         intervals: 95 % confidence intervals of the scores, if asked for.
     """
 
-    values: dict[str, float]
+    values: dict[str, float | int]
     categories: dict[str, dict[str, float]]
     missing: int
     intervals: dict[str, tuple[float, float]]
@@ -189,7 +189,7 @@ def score(
         before = len(metric)
         missing += _add(metric, pairs(found, side, strict=not lists), size, _renaming(found, side), progress)
         counts.append(len(metric) - before)
-    values = metric.compute() | {"images": len(metric)}
+    values: dict[str, float | int] = {**metric.compute(), "images": len(metric)}
     if isinstance(metric, Counting):
         values = {**metric.counts(), **values}
     member = np.repeat(np.arange(len(counts)), counts)
