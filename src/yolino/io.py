@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from importlib import metadata
 from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO
 
 import cv2
 import numpy as np
@@ -21,6 +22,8 @@ from yolino import jpeg
 from yolino.types import Polylines
 
 _PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_HEAD = 2**16  # bytes: what stands before the pixels is rarely longer
+_PNG_TAIL = 64
 _LARGEST = 2**30  # pixels: OpenCV reads no more
 _REDUCED = {
     2: cv2.IMREAD_REDUCED_COLOR_2,
@@ -77,20 +80,39 @@ def reduce_image(image: UInt8[np.ndarray, "h w 3"], reduce: int) -> UInt8[np.nda
 def image_size(path: str | Path) -> tuple[int, int]:
     """Gives `(height, width)` of an image file as `read_image` would return it.
 
-    Of a JPEG only the header is read; other files are decoded.
+    Of a JPEG and of most PNG files only the header is read; other files are decoded.
 
     Raises:
         FileNotFoundError: There is no such file.
         ValueError: The file is no readable image.
     """
-    header = None
     if Path(path).is_file():
         with open(path, "rb") as stream:
             header = jpeg.read_header(stream)
-    if header is not None:
-        return header.size
+            size = _png_size(stream) if header is None else header.size
+        if size is not None:
+            return size
     height, width = read_image(path).shape[:2]
     return height, width
+
+
+def _png_size(stream: BinaryIO) -> tuple[int, int] | None:
+    """Gives the size in the head of a PNG file; None for others, for cut ones, and where EXIF may turn it."""
+    stream.seek(0)
+    head = stream.read(_PNG_HEAD)
+    stream.seek(max(stream.seek(0, os.SEEK_END) - _PNG_TAIL, 0))
+    if not head.startswith(_PNG) or head[12:16] != b"IHDR" or b"IEND" not in stream.read():
+        return None
+    at = 8
+    while at + 8 <= len(head):
+        length, kind = struct.unpack(">I4s", head[at : at + 8])
+        if kind == b"IDAT":
+            width, height = struct.unpack(">II", head[16:24])
+            return height, width
+        if kind == b"eXIf":
+            return None
+        at += length + 12
+    return None
 
 
 def write_atomic(path: str | Path, data: bytes | str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from yolino.datasets.argoverse2 import Argoverse2
 from yolino.datasets.coco import Coco
 from yolino.datasets.culane import CULane
 from yolino.datasets.curvelanes import CurveLanes
@@ -11,6 +12,7 @@ from yolino.datasets.files import FileDataset
 from yolino.datasets.geojson import GeoJson
 from yolino.datasets.labelme import LabelMe
 from yolino.datasets.labelstudio import LabelStudio
+from yolino.datasets.masks import Masks
 from yolino.datasets.results import Results
 from yolino.datasets.synthetic import Synthetic
 from yolino.datasets.tusimple import TuSimple
@@ -25,6 +27,8 @@ DATASETS: dict[str, type[Dataset]] = {
     "coco": Coco,
     "labelme": LabelMe,
     "labelstudio": LabelStudio,
+    "masks": Masks,
+    "argoverse2": Argoverse2,
     "results": Results,
     "synthetic": Synthetic,
 }

@@ -80,7 +80,7 @@ class ImageWriter(Writer):
         super().__init__(out, classes=classes, directed=directed)
         self.written: dict[Path, str] = {}
 
-    def write(self, sample: Sample, file: str, text: str) -> None:
+    def write(self, sample: Sample, file: str, data: str | bytes) -> None:
         """Writes the labels of a sample to a file below the folder.
 
         Raises:
@@ -93,7 +93,7 @@ class ImageWriter(Writer):
             raise ValueError(
                 f"The labels of {sample.name} and {self.written[path]} would both be {path}: rename one."
             )
-        write_atomic(path, text)
+        write_atomic(path, data)
         self.written[path] = sample.name
 
     @staticmethod
