@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import yaml
 from safetensors.torch import load_file
 
-from yolino.config import load_experiment
+from yolino.config import Source, load_experiment
+from yolino.datasets import Synthetic
+from yolino.datasets.convert import convert
 from yolino.grid import Grid
 from yolino.model.checkpoint import load_checkpoint
 from yolino.model.network import Network
@@ -244,8 +247,8 @@ def test_sources_are_drawn_by_weight(config, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("data.train.0.dataset=coco", "use one of"),
-        ("data.train.0.options.kinds=x", "do not fit"),
+        ("data.train.0.dataset=cocoa", "use one of"),
+        ("data.train.0.options.kinds=x", "takes no kinds"),
         ("data.classes=[purple]", "has no classes purple"),
         ("augment.preset=strong", "use one of"),
         ("augment.options.geometric.spin=3", "do not fit"),
@@ -255,6 +258,63 @@ def test_mistakes_in_the_data_are_named_before_training(config, tmp_path, change
     experiment = load_experiment(config, [change])
     with pytest.raises(ValueError, match=message):
         build_loaders(experiment, border=False)
+
+
+@pytest.fixture
+def described(tmp_path):
+    """A dataset of files in two splits, with its description."""
+    folder = tmp_path / "drawn"
+    convert(Synthetic("shapes", length=3, size=(64, 96)), "geojson", folder)
+    names = sorted(file.relative_to(folder).as_posix() for file in folder.glob("images/*.png"))
+    (folder / "train.txt").write_text("\n".join(names[:2]))
+    (folder / "val.txt").write_text(names[2])
+    description = yaml.safe_load((folder / "data.yaml").read_text())
+    description |= {
+        "splits": {"train": "train.txt", "val": "val.txt"},
+        "licence": "ours",
+        "description": "drawn",
+    }
+    (folder / "data.yaml").write_text(yaml.safe_dump(description))
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::UserWarning")
+def test_a_described_dataset_trains_and_gives_its_licence(described, tmp_path):
+    text = TEXT[: TEXT.index("  train:")] + f"  root: {tmp_path}\n  train: [{{data: drawn}}]\n"
+    text += "  val: [{data: drawn/data.yaml}]\n" + TEXT[TEXT.index("model:") :]
+    config = tmp_path / "described.yaml"
+    config.write_text(text)
+    train_loader, val_loader = build_loaders(load_experiment(config), border=False)
+    assert (len(train_loader.dataset), len(val_loader.dataset)) == (2, 1)
+    best = train(config, [f"out={tmp_path}", "training.steps=2"], progress=False)
+    header = load_checkpoint(best)[1]
+    assert (header.licence, header.data) == ("ours", "drawn")
+
+
+def test_a_broken_label_stops_before_training_or_is_left_out(described, tmp_path, caplog):
+    broken = sorted(described.glob("labels/**/*.geojson"))[0]
+    broken.write_text("{")
+    source = Source(data=described)
+    with pytest.raises(ValueError, match=f"{broken.name}.* JSON"):
+        build_dataset(source, tmp_path, ())
+    assert len(build_dataset(source, tmp_path, (), skip_broken=True)) == 1
+    assert "broken parts left out" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ({}, "either data .* or dataset"),
+        ({"data": "a", "dataset": "b"}, "either data .* or dataset"),
+        ({"dataset": "b", "split": "val"}, "split needs data"),
+    ],
+)
+def test_a_source_is_a_description_or_a_format(config, tmp_path, source, message):
+    values = yaml.safe_load(TEXT)
+    values["data"]["train"] = [source]
+    config.write_text(yaml.safe_dump(values))
+    with pytest.raises(ValueError, match=message):
+        load_experiment(config)
 
 
 def test_presets_can_be_changed_one_value_at_a_time(config):
