@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from yolino.metrics.apls import AplsMetric
 from yolino.metrics.bootstrap import bootstrap_intervals
 from yolino.metrics.classes import ClassMetric
 from yolino.metrics.culane import CULaneMetric
@@ -9,6 +10,7 @@ from yolino.metrics.instances import ChamferMetric, FrechetMetric
 from yolino.metrics.metric import Metric, SumMetric
 from yolino.metrics.points import PointMatch, PointMetric, match_points
 from yolino.metrics.samples import Samples, sample_lines
+from yolino.metrics.topo import TopoMetric
 from yolino.metrics.tusimple import TuSimpleMetric, TuSimpleScore, score_files, score_image
 
 METRICS: dict[str, type[Metric]] = {
@@ -18,10 +20,13 @@ METRICS: dict[str, type[Metric]] = {
     "culane": CULaneMetric,
     "chamfer": ChamferMetric,
     "frechet": FrechetMetric,
+    "topo": TopoMetric,
+    "apls": AplsMetric,
 }
 
 __all__ = [
     "METRICS",
+    "AplsMetric",
     "CULaneMetric",
     "ChamferMetric",
     "ClassMetric",
@@ -31,6 +36,7 @@ __all__ = [
     "PointMetric",
     "Samples",
     "SumMetric",
+    "TopoMetric",
     "TuSimpleMetric",
     "TuSimpleScore",
     "bootstrap_intervals",

@@ -52,7 +52,7 @@ class ClassMetric(SumMetric):
         prediction: Lines,
         truth: Lines,
         size: tuple[int, int],
-        ignore: Sequence[Float[np.ndarray, "v 2"]] = (),
+        ignore: Sequence[Float[np.ndarray, "_ 2"]] = (),
     ) -> None:
         """Adds one image; the arguments and errors are those of `match_points`.
 

@@ -16,7 +16,7 @@ from numba import njit
 
 from yolino.geometry import clip_polylines, cumulative_length
 from yolino.metrics.metric import Lines
-from yolino.metrics.samples import _check, _inside
+from yolino.metrics.samples import check_lines, points_inside
 from yolino.types import Polylines
 
 SAMPLES = 100  # VectorMapNet, MapTR
@@ -59,7 +59,7 @@ def visible_lines(
         ValueError: A coordinate or a score is not finite, a polygon has less than three corners, `size` is
             not positive, or `samples` is less than 2.
     """
-    _check(lines, size, ignore, 1.0)
+    check_lines(lines, size, ignore, 1.0)
     if not np.isfinite(lines.scores).all():
         raise ValueError("A line has a score that is NaN or infinite: give it a number.")
     if not isinstance(lines, Polylines):
@@ -69,7 +69,7 @@ def visible_lines(
     sampled = sample_polylines(lines[lines.lengths >= SHORTEST], samples)
     outside = np.ones(len(sampled.vertices), np.bool_)
     for polygon in ignore:
-        outside &= ~_inside(sampled.vertices, np.asarray(polygon, dtype=np.float64))
+        outside &= ~points_inside(sampled.vertices, np.asarray(polygon, dtype=np.float64))
     left = outside.reshape(-1, samples).sum(axis=1)
     offsets = np.concatenate([[0], np.cumsum(left)])
     lines = Polylines(sampled.vertices[outside], offsets, sampled.scores, sampled.labels)

@@ -32,7 +32,7 @@ class Metric(ABC):
         prediction: Lines,
         truth: Lines,
         size: tuple[int, int],
-        ignore: Sequence[Float[np.ndarray, "v 2"]] = (),
+        ignore: Sequence[Float[np.ndarray, "_ 2"]] = (),
     ) -> None:
         """Adds one image.
 

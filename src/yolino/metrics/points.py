@@ -85,7 +85,7 @@ def match_points(
     prediction: Lines,
     truth: Lines,
     size: tuple[int, int],
-    ignore: Sequence[Float[np.ndarray, "v 2"]] = (),
+    ignore: Sequence[Float[np.ndarray, "_ 2"]] = (),
     *,
     radius: float | None = None,
     angle_radius: float = math.pi / 4,
@@ -167,7 +167,7 @@ class PointMetric(SumMetric):
         prediction: Lines,
         truth: Lines,
         size: tuple[int, int],
-        ignore: Sequence[Float[np.ndarray, "v 2"]] = (),
+        ignore: Sequence[Float[np.ndarray, "_ 2"]] = (),
     ) -> PointMatch:
         """Gives the `match_points` of one image at the settings of this metric; the image is not added."""
         return match_points(
@@ -186,7 +186,7 @@ class PointMetric(SumMetric):
         prediction: Lines,
         truth: Lines,
         size: tuple[int, int],
-        ignore: Sequence[Float[np.ndarray, "v 2"]] = (),
+        ignore: Sequence[Float[np.ndarray, "_ 2"]] = (),
     ) -> None:
         """Adds one image; the arguments and errors are those of `match_points`.
 

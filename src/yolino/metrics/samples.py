@@ -49,7 +49,7 @@ def sample_lines(
     lines: Lines,
     size: tuple[int, int],
     *,
-    ignore: Sequence[Float[np.ndarray, "v 2"]] = (),
+    ignore: Sequence[Float[np.ndarray, "_ 2"]] = (),
     spacing: float = 1.0,
 ) -> Samples:
     """Gives evenly spaced points along each line, inside the image and outside the ignored polygons.
@@ -70,12 +70,12 @@ def sample_lines(
         ValueError: A coordinate is not finite, a polygon has less than three corners, `size` or `spacing` is
             not positive.
     """
-    _check(lines, size, ignore, spacing)
+    check_lines(lines, size, ignore, spacing)
     vertices, offsets = _vertices(lines)
     pieces, lengths = _clip(vertices, offsets, float(size[1]), float(size[0]))
     samples = Samples(*_sample(pieces, lengths, offsets, np.array(lines.labels), spacing))
     for polygon in ignore:
-        samples = samples[~_inside(samples.points, np.asarray(polygon, dtype=np.float64))]
+        samples = samples[~points_inside(samples.points, np.asarray(polygon, dtype=np.float64))]
     return samples
 
 
@@ -105,9 +105,10 @@ def _vertices(lines: Lines) -> tuple[Float[np.ndarray, "v 2"], Int[np.ndarray, "
     return np.array(lines.endpoints, order="C").reshape(-1, 2), np.arange(len(lines) + 1) * 2
 
 
-def _check(
-    lines: Lines, size: tuple[int, int], ignore: Sequence[Float[np.ndarray, "v 2"]], spacing: float
+def check_lines(
+    lines: Lines, size: tuple[int, int], ignore: Sequence[Float[np.ndarray, "_ 2"]], spacing: float
 ) -> None:
+    """Raises a ValueError for lines, sizes, polygons or a spacing that no metric can use."""
     if not spacing > 0:
         raise ValueError(f"spacing must be positive (pixels), got {spacing}.")
     if min(size) <= 0:
@@ -197,7 +198,8 @@ def _sample(pieces, lengths, offsets, labels, spacing):
 
 @njit(cache=True)
 @no_type_check
-def _inside(points, polygon):
+def points_inside(points, polygon):
+    """Gives which of the points `(n, 2)` lie inside the polygon `(v, 2)`, by the even-odd rule."""
     inside = np.zeros(len(points), np.bool_)
     for i in range(len(points)):
         x, y = points[i]

@@ -165,7 +165,7 @@ class TuSimpleMetric(SumMetric):
         prediction: Lines,
         truth: Lines,
         size: tuple[int, int],
-        ignore: Sequence[Float[np.ndarray, "v 2"]] = (),
+        ignore: Sequence[Float[np.ndarray, "_ 2"]] = (),
     ) -> None:
         """Adds one image given as polylines in pixels, each compared at the rows that it crosses.
 
