@@ -296,3 +296,10 @@ def test_results_can_be_labels_for_a_person_to_correct(
     assert (code, err) == (0, "")
     assert json.loads(out)["ap"] == 1
     assert json.loads(out)["images"] == 1
+
+
+def test_a_file_is_no_folder_for_results(run: Run, model: Path, photo: Path) -> None:
+    before = photo.read_bytes()
+    code, _, err = run("predict", photo, "--model", model, "--out", photo)
+    assert (code, err) == (2, f"Error: --out {photo} is a file, but a folder is needed: give another name.\n")
+    assert photo.read_bytes() == before

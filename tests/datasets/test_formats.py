@@ -167,6 +167,15 @@ def test_images_are_linked_copied_or_left(dataset: InMemory, tmp_path: Path) -> 
     assert sorted(p.name for p in (tmp_path / "left").iterdir()) == ["annotations.xml", "data.yaml"]
 
 
+def test_files_that_place_an_image_on_the_map_come_along(dataset: InMemory, tmp_path: Path) -> None:
+    source = dataset.samples[0].image
+    assert isinstance(source, Path)
+    source.with_suffix(".jgw").write_text("0.1\n0\n0\n-0.1\n500000\n5400000\n")
+    convert(dataset, "cvat", tmp_path / "out")
+    assert (tmp_path / "out/a/20.jgw").read_text() == source.with_suffix(".jgw").read_text()
+    assert [p.name for p in (tmp_path / "out/b").iterdir() if p.suffix != ".jpg"] == []
+
+
 def test_a_folder_can_be_converted_in_place(dataset: InMemory, tmp_path: Path) -> None:
     convert(dataset, "cvat", tmp_path / "source")
     before = {p: p.read_bytes() for p in (tmp_path / "source").rglob("*.jpg")}

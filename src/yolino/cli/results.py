@@ -47,6 +47,8 @@ class ResultWriter:
         known = [*FORMATS, TUSIMPLE, *(name for name in WRITERS if name not in (*FORMATS, TUSIMPLE))]
         if format not in known:
             raise ValueError(f"The format {format!r} is unknown; use one of {', '.join(known)}.")
+        if out.exists() and not out.is_dir():
+            raise ValueError(f"--out {out} is a file, but a folder is needed: give another name.")
         self.out, self.format, self.pictures = out, format, pictures
         self._labels: Writer | None = None
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import yaml
 
 from yolino.datasets.dataset import Dataset
+from yolino.datasets.georeference import sidecars
 from yolino.datasets.registry import WRITERS
 from yolino.io import image_size, write_atomic, write_image
 from yolino.types import Sample
@@ -70,6 +71,8 @@ def _bring(sample: Sample, out: Path, images: str) -> Sample:
     target = out / sample.name
     if images != "none" and not (target.exists() and os.path.samefile(target, sample.image)):
         _transfer(sample.image, target, images)
+        for sidecar in sidecars(sample.image):
+            _transfer(sidecar, target.with_name(sidecar.name), images)
     return replace(sample, size=known)
 
 

@@ -78,6 +78,11 @@ def may_be_georeferenced(image: Path) -> bool:
     return kind or any(file.is_file() for suffix in _SIDECARS for file in _beside(image, suffix))
 
 
+def sidecars(image: Path) -> list[Path]:
+    """Gives the files beside an image that say where on the map it lies."""
+    return sorted({file for end in _SIDECARS for file in _beside(image, end) if file.is_file()})
+
+
 def read_georeference(image: str | Path) -> Georeference | None:
     """Gives the georeference of a raster, None where it has none. Its pixels are not read.
 
