@@ -374,3 +374,18 @@ def test_files_that_are_no_results(tmp_path: Path, text: str, reason: str) -> No
 def test_a_missing_result(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="There is no result file"):
         read_result(tmp_path / "a.json")
+
+
+def test_the_size_of_a_png_is_read_from_its_head(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), np.zeros((7, 9), np.uint8))
+    whole = path.read_bytes()
+    monkeypatch.setattr("yolino.io.read_image", lambda path: np.zeros((1, 2, 3), np.uint8))
+    assert image_size(path) == (7, 9)
+    head, rest = whole[:33], whole[33:]
+    note = b"hello"
+    path.write_bytes(head + len(note).to_bytes(4, "big") + b"tEXt" + note + b"sums" + rest)
+    assert image_size(path) == (7, 9)
+    for other in (head + len(note).to_bytes(4, "big") + b"eXIf" + note + b"sums" + rest, whole[:-12]):
+        path.write_bytes(other)  # it may be turned, or it is cut: then it is decoded
+        assert image_size(path) == (1, 2)

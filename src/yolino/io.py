@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import struct
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,18 +11,14 @@ from dataclasses import dataclass, field
 from importlib import metadata
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
 
 import cv2
 import numpy as np
 from jaxtyping import Shaped, UInt8
 
-from yolino import jpeg
+from yolino import jpeg, png
 from yolino.types import Polylines
 
-_PNG = b"\x89PNG\r\n\x1a\n"
-_PNG_HEAD = 2**16  # bytes: what stands before the pixels is rarely longer
-_PNG_TAIL = 64
 _LARGEST = 2**30  # pixels: OpenCV reads no more
 _REDUCED = {
     2: cv2.IMREAD_REDUCED_COLOR_2,
@@ -89,30 +84,11 @@ def image_size(path: str | Path) -> tuple[int, int]:
     if Path(path).is_file():
         with open(path, "rb") as stream:
             header = jpeg.read_header(stream)
-            size = _png_size(stream) if header is None else header.size
+            size = png.read_size(stream) if header is None else header.size
         if size is not None:
             return size
     height, width = read_image(path).shape[:2]
     return height, width
-
-
-def _png_size(stream: BinaryIO) -> tuple[int, int] | None:
-    """Gives the size in the head of a PNG file; None for others, for cut ones, and where EXIF may turn it."""
-    stream.seek(0)
-    head = stream.read(_PNG_HEAD)
-    stream.seek(max(stream.seek(0, os.SEEK_END) - _PNG_TAIL, 0))
-    if not head.startswith(_PNG) or head[12:16] != b"IHDR" or b"IEND" not in stream.read():
-        return None
-    at = 8
-    while at + 8 <= len(head):
-        length, kind = struct.unpack(">I4s", head[at : at + 8])
-        if kind == b"IDAT":
-            width, height = struct.unpack(">II", head[16:24])
-            return height, width
-        if kind == b"eXIf":
-            return None
-        at += length + 12
-    return None
 
 
 def write_atomic(path: str | Path, data: bytes | str) -> None:
@@ -271,9 +247,9 @@ def _check_complete(data: bytes, path: str | Path) -> None:
     if data.startswith(jpeg.START):
         whole = jpeg.is_complete(data)
         height, width, _ = jpeg.read_header(BytesIO(data)) or (0, 0, 1)
-    elif data.startswith(_PNG):
-        whole = data.rfind(b"IEND") > 24
-        width, height = struct.unpack(">II", data[16:24]) if whole else (0, 0)
+    elif data.startswith(png.START):
+        whole = png.is_complete(data)
+        height, width = png.stated_size(data) if whole else (0, 0)
     elif data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         whole = len(data) >= 8 + int.from_bytes(data[4:8], "little")
     if not whole:
@@ -284,9 +260,8 @@ def _check_complete(data: bytes, path: str | Path) -> None:
 
 
 def _has_alpha(data: bytes) -> bool:
-    if data.startswith(_PNG):
-        first_pixels = data.find(b"IDAT")
-        return data[25] in (4, 6) or 0 < data.find(b"tRNS", 33) < first_pixels
+    if data.startswith(png.START):
+        return png.has_alpha(data)
     if data[8:16] == b"WEBPVP8X":
         return bool(data[20] & 0x10)
     return data[8:16] == b"WEBPVP8L"
