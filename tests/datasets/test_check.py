@@ -1,12 +1,18 @@
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from yolino.datasets.annotation import Annotation, LabelError
 from yolino.datasets.check import check, deviation_table
-from yolino.datasets.report import ERRORS, KINDS
+from yolino.datasets.files import FileDataset
+from yolino.datasets.report import ERRORS, KINDS, Picture
 from yolino.datasets.tusimple import TuSimple
 from yolino.geometry import fit_matrix
 from yolino.types import Polylines, Sample
@@ -61,6 +67,9 @@ def test_nothing_is_found_in_a_sound_dataset():
         ([[3, 3], [np.nan, 3]], "not finite", "polyline 1"),
         ([[3, 3], [np.inf, 3]], "not finite", "polyline 1"),
         (GOOD, "duplicate polyline", "polyline 1 is polyline 0"),
+        ([[1, 1.5], [100, 60.5]], "near duplicate", "polyline 1 follows polyline 0"),
+        ([[3, 3], [3, 3], [9, 3]], "repeated vertex", "polyline 1: 1 of 3 vertices repeat the one before"),
+        ([[3, 3], [9, 3], [9, 9], [5, 1]], "self-overlap", "polyline 1"),
         ([[-9, 3], [-2, 9]], "outside", "polyline 1"),
         ([[-9, 3], [20, -90]], "outside", "polyline 1"),
         ([[-9, 3], [2, 9], [4, 9]], "partly outside", "polyline 1: 1 of 3 vertices"),
@@ -100,8 +109,90 @@ def test_images_that_are_missing_or_broken_are_found_and_their_polylines_still_e
     assert report.sizes == {}
 
 
+def test_a_size_that_the_labels_state_is_compared_with_the_image_and_stands_in_for_it(tmp_path):
+    right, wrong = (replace(sample(name, [[1, 70], [9, 70]]), size=(64, 128)) for name in "ab")
+    wrong = replace(wrong, size=(128, 128))
+    gone = replace(wrong, name="c", image=tmp_path / "gone.jpg")
+    report = check(Listed(right, wrong, gone), (32,))
+    assert [(f.kind, f.sample, f.detail) for f in report.findings] == [
+        ("outside", "a", "polyline 0"),
+        ("wrong size", "b", "(64, 128), its labels state (128, 128)"),
+        ("outside", "b", "polyline 0"),
+        ("missing image", "c", str(tmp_path / "gone.jpg")),
+    ]
+    assert report.sizes == {(64, 128): 2}
+    assert [f.kind for f in report.errors] == ["wrong size", "missing image"]
+    assert report.occupancy[0].segments == 1  # of c, which the labels say is higher
+
+
+class Lines(FileDataset):
+    """A format of one coordinate per line: a polyline of that class through it."""
+
+    patterns = ("*.lines",)
+
+    def read(self, path: Path) -> Iterator[Annotation | LabelError]:
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            where = f"{path}, line {number}"
+            name, _, x = line.partition(" ")
+            if not x:
+                yield LabelError(where, "has no coordinate, but one is needed")
+            else:
+                yield Annotation(f"{number}.png", where, [np.array([[float(x), 1], [float(x), 60]])], [name])
+
+
+def test_what_is_broken_or_left_out_is_reported(tmp_path: Path):
+    (tmp_path / "a.lines").write_text("solid 3\nnonsense\ndashed 5\nstop 5\n")
+    for number in (1, 3, 4):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), IMAGE)
+    dataset = Lines(tmp_path, classes=("dashed", "solid"), skip_broken=True, require_images=False)
+    report = check(dataset)
+    assert [(f.kind, f.sample, f.detail) for f in report.findings] == [
+        ("broken label", f"{tmp_path}/a.lines, line 2", "has no coordinate, but one is needed")
+    ]
+    assert len(report.errors) == 1
+    assert report.class_counts == {"dashed": 1, "solid": 1}
+    assert report.left_out == {"stop": 1}
+    assert report.pictures == tuple(Picture(f"{i}.png", tmp_path / f"{i}.png") for i in (1, 3, 4))
+
+
+def test_a_dataset_of_nothing_but_broken_labels_is_reported_too(tmp_path: Path):
+    (tmp_path / "a.lines").write_text("nonsense\n")
+    report = check(Lines(tmp_path, skip_broken=True))
+    assert (report.samples, report.polylines, report.counts) == (0, 0, {"broken label": 1})
+    assert [o.segments for o in report.occupancy] == [0, 0, 0]
+
+
+def test_many_samples_are_examined_in_groups_without_being_mixed_up(monkeypatch):
+    rng = np.random.default_rng(0)
+    samples = [
+        sample(str(i), *(rng.uniform(-20, 120, (rng.integers(0, 4), 2)) for _ in range(rng.integers(0, 4))))
+        for i in range(30)
+    ]
+    whole = check(Listed(*samples))
+    monkeypatch.setattr("yolino.datasets.check._TOGETHER", 7)
+    assert check(Listed(*samples)) == whole
+    alone = [check(Listed(one)) for one in samples]
+    assert whole.findings == tuple(f for report in alone for f in report.findings)
+    assert len(whole.findings) > 20
+    assert whole.occupancy == tuple(
+        sum(rest, first) for first, *rest in zip(*(r.occupancy for r in alone), strict=True)
+    )
+
+
+def test_a_report_becomes_a_document_that_json_knows():
+    document = check(Listed(sample("a", GOOD, GOOD)), (32,), 3).to_document()
+    assert json.loads(json.dumps(document)) == document
+    assert document["findings"] == [
+        {"kind": "duplicate polyline", "sample": "a", "detail": "polyline 1 is polyline 0"}
+    ]
+    assert document["counts"] == {"duplicate polyline": 1}
+    assert (document["errors"], document["polylines"], document["classes"]) == (0, 2, {"lane": 2})
+    assert document["sizes"] == [{"size": [64, 128], "images": 1}]
+    assert document["occupancy"][0]["predictors"] == 3
+
+
 def test_labels_are_counted_and_unknown_ones_found():
-    lines = [[1, 1], [9, 9]], [[1, 2], [9, 9]], [[1, 3], [9, 9]]
+    lines = [[1, 1], [9, 9]], [[1, 20], [9, 9]], [[1, 30], [9, 9]]
     dataset = Listed(sample("a", *lines, labels=[1, 1, 2]), classes=("solid", "dashed"))
     report = check(dataset)
     assert report.class_counts == {"solid": 0, "dashed": 2}

@@ -3,7 +3,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from yolino.viz import FALSE_ALARM, HIT, MISS, contact_sheet, draw_matches
+from yolino.viz import (
+    FALSE_ALARM,
+    HIT,
+    MISS,
+    PALETTE,
+    contact_sheet,
+    draw_legend,
+    draw_matches,
+    draw_regions,
+)
 
 
 def plain(height: int, width: int, value: int) -> np.ndarray:
@@ -69,3 +78,25 @@ def test_hits_false_alarms_and_misses_have_their_colors() -> None:
 def test_the_key_fits_into_any_image(size: tuple[int, int]) -> None:
     points = np.array([[0.5, 0.5]])
     assert draw_matches(plain(*size, 0), hits=points, false_alarms=points, misses=points).shape == (*size, 3)
+
+
+def test_regions_are_shaded_and_hatched_inside_only() -> None:
+    image = np.full((60, 80, 3), 200, np.uint8)
+    shown = draw_regions(image, [np.array([[20.0, 10.0], [60.0, 10.0], [60.0, 50.0], [20.0, 50.0]])])
+    inside, outside = shown[14:46, 24:56], shown[:, 64:]
+    assert (outside == 200).all()
+    assert inside.max() < 160
+    assert len(np.unique(inside)) > 1  # stripes
+    assert (image == 200).all()
+    np.testing.assert_array_equal(draw_regions(image, []), image)
+
+
+def test_the_legend_has_a_line_per_class_in_its_color() -> None:
+    image = np.full((200, 300, 3), 128, np.uint8)
+    shown = draw_legend(image, ["solid", "dashed"])
+    changed = np.flatnonzero((shown != 128).any(axis=(1, 2)))
+    assert changed.max() == 199
+    assert changed.min() >= 150
+    upper, lower = shown[changed.min() : 180].reshape(-1, 3), shown[185:].reshape(-1, 3)
+    for part, color in ((upper, PALETTE[0]), (lower, PALETTE[1])):
+        assert np.abs(part.astype(int) - color).sum(axis=1).min() < 60

@@ -52,7 +52,7 @@ def open_dataset(
         ValueError: If the dataset is unknown or does not take one of these arguments, or labels are broken.
         FileNotFoundError: If its files do not exist.
     """
-    changes: dict[str, Any] = dict(map(_option, selection.options))
+    changes: dict[str, Any] = dict(map(parse_option, selection.options))
     if selection.labels:
         changes["labels"] = list(selection.labels)
     if selection.root is not None:
@@ -112,7 +112,12 @@ def open_or_tell(selection: Selection, *, classes: Sequence[str] = ()) -> Datase
     return dataset
 
 
-def _option(text: str) -> tuple[str, Any]:
+def parse_option(text: str) -> tuple[str, Any]:
+    """Gives key and value of `key=value`, the value read as YAML.
+
+    Raises:
+        ValueError: It is not of that form.
+    """
     key, equals, value = text.partition("=")
     if not equals or not key:
         raise ValueError(f"The option {text!r} is not of the form key=value, e.g. length=100.")
@@ -122,4 +127,4 @@ def _option(text: str) -> tuple[str, Any]:
         return key, value
 
 
-__all__ = ["Selection", "open_dataset", "open_or_tell"]
+__all__ = ["Selection", "open_dataset", "open_or_tell", "parse_option"]

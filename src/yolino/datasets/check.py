@@ -5,23 +5,26 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
-from numpy.typing import NDArray
 
+from yolino.datasets.batch import Batch
 from yolino.datasets.dataset import Dataset
-from yolino.datasets.report import DeviationRow, Finding, Occupancy, Report, Size
-from yolino.geometry import clip_polylines, transform_points
-from yolino.grid import Grid, cells_to_pixels, deviation, discretize, surplus
+from yolino.datasets.faults import polyline_findings
+from yolino.datasets.files import FileDataset
+from yolino.datasets.occupancy import Frame, Matrix, occupancy
+from yolino.datasets.report import DeviationRow, Finding, Occupancy, Picture, Report, Size
+from yolino.grid import Grid, cells_to_pixels, deviation, discretize
 from yolino.io import image_size
 from yolino.types import Polylines, Sample
 
 _log = logging.getLogger(__name__)
+# Samples that are examined together: enough for arrays to pay, few enough to see progress.
+_TOGETHER = 256
 
-Matrix = Float[np.ndarray, "3 3"]
 Progress = Callable[[Sequence[int]], Iterable[int]]
 
 
@@ -34,10 +37,13 @@ def check(
     size: Size | None = None,
     progress: Progress = iter,
 ) -> Report:
-    """Gives what is wrong with a dataset. Images are not decoded, only their size is read.
+    """Gives what is wrong with a dataset. Of JPEGs only the header is read.
+
+    Where an image is missing, the size that its labels state counts.
 
     Args:
-        dataset: The dataset; one that does not insist on its images is examined to its end.
+        dataset: The dataset; one that does not insist on its images and leaves out what is broken
+            (`FileDataset`: `require_images=False`, `skip_broken=True`) is examined to its end.
         strides: Sides of the cells, in pixels of the network frame.
         predictors: Predictors per cell that the cells are compared with.
         matrix: From the image frame to the network frame, or what gives it for an image size; None: they are
@@ -48,19 +54,29 @@ def check(
     Raises:
         ValueError: The dataset is empty, or only one of `matrix` and `size` is given.
     """
-    _require_samples(dataset, matrix, size)
-    examined = [_examine(dataset[i], dataset) for i in progress(range(len(dataset)))]
-    sizes = Counter(e.size for e in examined if e.size is not None)
-    usual = sizes.most_common(1)[0][0] if sizes else None
-    labels = np.concatenate([e.labels for e in examined])
+    frame = _frame(matrix, size)
+    errors, left_out = (dataset.broken, dataset.left_out) if isinstance(dataset, FileDataset) else ((), {})
+    broken = [Finding("broken label", error.where, error.reason) for error in errors]
+    if not broken:
+        _require_samples(dataset)
+    indices = iter(progress(range(len(dataset))))
+    parts = []
+    while group := [_look(dataset[i]) for i in islice(indices, _TOGETHER)]:
+        parts.append(_examine(group, dataset, frame, strides, predictors))
+    sizes = Counter(one.size for part in parts for one in part.looks if one.size is not None)
+    labels = sum((part.labels for part in parts), Counter[int]())
+    empty = (Occupancy(stride, predictors) for stride in strides)
+    full = zip(empty, *(part.occupancy for part in parts), strict=True)
     return Report(
-        samples=len(examined),
-        polylines=len(labels),
-        vertices=sum(e.vertices for e in examined),
+        samples=sum(len(part.looks) for part in parts),
+        polylines=labels.total(),
+        vertices=sum(part.vertices for part in parts),
         sizes=dict(sizes.most_common()),
-        class_counts={name: int((labels == i).sum()) for i, name in enumerate(dataset.classes)},
-        findings=tuple(_findings(examined, usual)),
-        occupancy=tuple(_occupancy(examined, stride, predictors, matrix, size) for stride in strides),
+        class_counts={name: labels[i] for i, name in enumerate(dataset.classes)},
+        findings=(*broken, *_findings(parts, sizes)),
+        occupancy=tuple(sum(rest, first) for first, *rest in full),
+        left_out=dict(left_out),
+        pictures=tuple(Picture(one.name, one.file) for part in parts for one in part.looks),
     )
 
 
@@ -89,33 +105,51 @@ def deviation_table(
         ValueError: The dataset is empty, a vertex is not finite, or only one of `matrix` and `size` is given.
         FileNotFoundError: An image is missing.
     """
-    _require_samples(dataset, matrix, size)
+    frame = _frame(matrix, size)
+    _require_samples(dataset)
     rows: list[list[tuple[float, float, int, int]]] = [[] for _ in strides]
     for i in progress(range(len(dataset))):
         sample = dataset[i]
         image = _size_of(sample)
+        polylines = frame.place(sample.polylines, image)
         for stride, row in zip(strides, rows, strict=True):
-            polylines, grid = _in_frame(sample.polylines, image, stride, matrix, size)
             if len(polylines):
-                row.append(_deviations(polylines, grid))
+                row.append(_deviations(polylines, frame.grid(image, stride)))
     return tuple(_average(stride, row) for stride, row in zip(strides, rows, strict=True))
 
 
-@dataclass(frozen=True)
-class _Examined:
+class _Look(NamedTuple):
+    """What there is to know of a sample without its polylines.
+
+    `size` is that of the image, None where it cannot be read; `stated` what the labels say it is.
+    """
+
     name: str
+    file: Path | None
     size: Size | None
-    usable: Polylines
-    labels: NDArray[np.int64]
-    vertices: int
+    stated: Size | None
     findings: list[Finding]
 
 
-def _require_samples(dataset: Dataset, matrix: object, size: Size | None) -> None:
-    if len(dataset) == 0:
-        raise ValueError("The dataset has no samples: check the root and the label files.")
+class _Part(NamedTuple):
+    """What some samples add to the report; `findings` has a list for each of them."""
+
+    looks: list[_Look]
+    findings: list[list[Finding]]
+    labels: Counter[int]
+    vertices: int
+    occupancy: tuple[Occupancy, ...]
+
+
+def _frame(matrix: Matrix | Callable[[Size], Matrix] | None, size: Size | None) -> Frame:
     if (matrix is None) != (size is None):
         raise ValueError("A network frame needs both matrix and size: give both or none.")
+    return Frame(matrix, size)
+
+
+def _require_samples(dataset: Dataset) -> None:
+    if len(dataset) == 0:
+        raise ValueError("The dataset has no samples: check the root and the label files.")
 
 
 def _size_of(sample: Sample) -> Size:
@@ -124,102 +158,52 @@ def _size_of(sample: Sample) -> Size:
     return sample.image.shape[0], sample.image.shape[1]
 
 
-def _examine(sample: Sample, dataset: Dataset) -> _Examined:
-    """Gives what one sample adds to the report."""
-    findings: list[Finding] = []
-    size = None
+def _look(sample: Sample) -> tuple[_Look, Polylines]:
+    """Gives what there is to know of a sample; its pixels are let go."""
+    file = sample.image if isinstance(sample.image, Path) else None
+    size, findings = None, []
     try:
         size = _size_of(sample)
     except FileNotFoundError:
         findings.append(Finding("missing image", sample.name, str(sample.image)))
     except ValueError as error:
         findings.append(Finding("unreadable image", sample.name, str(error)))
-    lines = sample.polylines
-    finite = np.array([bool(np.isfinite(line).all()) for line in lines], np.bool_)
-    findings += _polyline_findings(sample, finite, size, len(dataset.classes))
-    return _Examined(sample.name, size, lines[finite], lines.labels, len(lines.vertices), findings)
+    if size is not None and sample.size is not None and size != tuple(sample.size):
+        findings.append(Finding("wrong size", sample.name, f"{size}, its labels state {sample.size}"))
+    return _Look(sample.name, file, size, sample.size, findings), sample.polylines
 
 
-def _polyline_findings(
-    sample: Sample, finite: NDArray[np.bool_], size: Size | None, classes: int
-) -> Iterator[Finding]:
-    """Yields what is wrong with the polylines of one sample."""
-    seen: dict[bytes, int] = {}
-    for i, line in enumerate(sample.polylines):
-        where = f"polyline {i}"
-        label = int(sample.polylines.labels[i])
-        if not 0 <= label < max(classes, 1):
-            yield Finding("unknown label", sample.name, f"{where} has label {label} of {classes} classes")
-        if len(line) < 2:
-            yield Finding("one vertex", sample.name, f"{where} has {len(line)}")
-        if not finite[i]:
-            yield Finding("not finite", sample.name, where)
-            continue
-        if len(line) > 1 and not np.ptp(line, axis=0).any():
-            yield Finding("zero length", sample.name, f"{where} at {line[0].tolist()}")
-        earlier = seen.setdefault(line.tobytes(), i)
-        if earlier != i:
-            yield Finding("duplicate polyline", sample.name, f"{where} is polyline {earlier}")
-        if size is not None and len(line):
-            yield from _outside(line, size, sample.name, where)
+def _examine(
+    group: Sequence[tuple[_Look, Polylines]],
+    dataset: Dataset,
+    frame: Frame,
+    strides: Sequence[int],
+    predictors: int,
+) -> _Part:
+    """Gives what some samples add to the report."""
+    looks = [look for look, _ in group]
+    names, sizes = [one.name for one in looks], [one.size or one.stated for one in looks]
+    batch = Batch.of(names, sizes, [lines for _, lines in group])
+    findings = [list(one.findings) for one in looks]
+    for i, finding in polyline_findings(batch, len(dataset.classes), directed=dataset.directed):
+        findings[i].append(finding)
+    counted = occupancy(batch, frame, strides, predictors)
+    labels = Counter(batch.lines.labels.tolist())
+    return _Part(looks, findings, labels, len(batch.lines.vertices), counted)
 
 
-def _outside(line: Float[np.ndarray, "v 2"], size: Size, name: str, where: str) -> Iterator[Finding]:
-    beyond = ((line < 0) | (line > (size[1], size[0]))).any(axis=1)
-    if not beyond.any():
-        return
-    if beyond.all() and len(clip_polylines(Polylines.from_list([line]), size)) == 0:
-        yield Finding("outside", name, where)
-    else:
-        yield Finding("partly outside", name, f"{where}: {int(beyond.sum())} of {len(line)} vertices")
-
-
-def _findings(examined: Sequence[_Examined], usual: Size | None) -> Iterator[Finding]:
+def _findings(parts: Sequence[_Part], sizes: Counter[Size]) -> Iterator[Finding]:
     """Yields the findings of all samples, with those that only show beside the other samples."""
     names: set[str] = set()
-    for one in examined:
-        if one.name in names:
-            yield Finding("duplicate name", one.name, "")
-        names.add(one.name)
-        if one.size not in (None, usual):
-            yield Finding("other size", one.name, f"{one.size}, most have {usual}")
-        yield from one.findings
-
-
-def _in_frame(
-    polylines: Polylines,
-    image: Size,
-    stride: int,
-    matrix: Matrix | Callable[[Size], Matrix] | None,
-    size: Size | None,
-) -> tuple[Polylines, Grid]:
-    """Gives the polylines in the network frame, cut off at its border, and its grid."""
-    if matrix is None or size is None:
-        filled = (-(-image[0] // stride) * stride, -(-image[1] // stride) * stride)
-        return clip_polylines(polylines, image), Grid(filled, stride)
-    matrix = matrix(image) if callable(matrix) else matrix
-    moved = polylines.with_vertices(transform_points(polylines.vertices, matrix))
-    return clip_polylines(moved, size), Grid(size, stride)
-
-
-def _occupancy(
-    examined: Sequence[_Examined],
-    stride: int,
-    predictors: int,
-    matrix: Matrix | Callable[[Size], Matrix] | None,
-    size: Size | None,
-) -> Occupancy:
-    segments = filled = fullest = left = 0
-    for one in examined:
-        if one.size is not None:
-            polylines, grid = _in_frame(one.usable, one.size, stride, matrix, size)
-            found = discretize(polylines, grid, border=False)
-            counts = np.unique(found.cells, axis=0, return_counts=True)[1]
-            segments += len(found)
-            filled += len(counts)
-            fullest = max(fullest, int(counts.max(initial=0)))
-            left += surplus(found, grid, predictors)
-    return Occupancy(stride, predictors, segments, filled, fullest, left)
+    usual = sizes.most_common(1)[0][0] if sizes else None
+    for part in parts:
+        for one, findings in zip(part.looks, part.findings, strict=True):
+            if one.name in names:
+                yield Finding("duplicate name", one.name, "")
+            names.add(one.name)
+            if one.size not in (None, usual):
+                yield Finding("other size", one.name, f"{one.size}, most have {usual}")
+            yield from findings
 
 
 def _deviations(polylines: Polylines, grid: Grid) -> tuple[float, float, int, int]:

@@ -13,7 +13,9 @@ from pydantic import Field, ValidationError
 from yolino.config import Section, explain
 from yolino.datasets.dataset import Dataset
 from yolino.datasets.detection import detect_format
+from yolino.datasets.files import listed_names
 from yolino.datasets.registry import DATASETS
+from yolino.image import IMAGE_SUFFIXES
 
 NAMES = ("data.yaml", "data.yml")
 
@@ -77,9 +79,22 @@ def load_description(path: str | Path) -> Description:
 
 
 def _of_folder(root: Path) -> Description:
-    lists = sorted([*root.glob("*.txt"), *root.glob("list/*.txt")])
-    splits = {file.stem: file.relative_to(root).as_posix() for file in lists}
+    lists = {file.stem: file for file in sorted([*root.glob("*.txt"), *root.glob("list/*.txt")])}
+    splits = {
+        stem: file.relative_to(root).as_posix()
+        for stem, file in lists.items()
+        # CULane has train_gt.txt beside train.txt; a readme names no images.
+        if stem.removesuffix("_gt") not in lists.keys() - {stem} and _lists_images(file)
+    }
     return Description(format=detect_format(root), root=root, splits=dict(splits))
+
+
+def _lists_images(file: Path) -> bool:
+    try:
+        first = next(listed_names(file), None)
+    except (UnicodeDecodeError, OSError):
+        return False
+    return first is not None and Path(first[1]).suffix.lower() in IMAGE_SUFFIXES
 
 
 def open_split(description: Description, split: str | None = None, **changes: Any) -> Dataset:

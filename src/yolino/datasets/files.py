@@ -137,7 +137,9 @@ class FileDataset(ABC):
         return (self[i] for i in range(len(self)))
 
     def _below_root(self, path: str | Path) -> Path:
-        return Path(path) if Path(path).exists() else self.root / path
+        """Gives a path below the root; where there is nothing, the same one from the working directory."""
+        below = self.root / path
+        return Path(path) if not below.exists() and Path(path).exists() else below
 
     def _find_files(self, labels: Names | None) -> list[Path]:
         """Gives the label files in the order of their names."""
@@ -201,8 +203,13 @@ class FileDataset(ABC):
         if not listed:
             raise ValueError(f"The list of names {names} is empty: one image per line is needed.")
         chosen = []
+        by_file: dict[str, Annotation] | None = None
         for number, name in listed:
             matches = next((by_key[key] for key in _keys(name) if key in by_key), [])
+            if len(matches) != 1:  # label files may name images by paths of another machine
+                if by_file is None:
+                    by_file = {self._name(one, self._image_path(one)): one for one in annotations}
+                matches = [by_file[name]] if name in by_file else matches
             if len(matches) == 1:
                 chosen.append(matches[0])
             elif matches:

@@ -3,40 +3,62 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
 
 Size = tuple[int, int]
 
 KINDS = {
+    "broken label": "a label file, or an entry in one, cannot be read",
     "missing image": "the image does not exist",
     "unreadable image": "the image cannot be read",
+    "wrong size": "an image has another size than its labels state",
     "not finite": "a vertex is NaN or infinite",
     "unknown label": "a label has no class name",
     "duplicate name": "a sample has the name of an earlier one",
     "duplicate polyline": "a polyline has the vertices of an earlier one of the same image",
+    "near duplicate": "a polyline lies within 1 px of an earlier one, all along",
     "one vertex": "a polyline has fewer than two vertices",
     "zero length": "a polyline has no length",
+    "repeated vertex": "a polyline has the same vertex several times in a row",
+    "self-overlap": "a polyline crosses, touches or runs over itself",
     "outside": "a polyline lies wholly outside its image",
     "partly outside": "a polyline leaves its image",
     "other size": "an image has another size than most",
 }
-ERRORS = frozenset({"missing image", "unreadable image", "not finite", "unknown label"})
-"""Kinds that training does not survive; the others cost nothing but labels."""
+ERRORS = frozenset(
+    {"broken label", "missing image", "unreadable image", "wrong size", "not finite", "unknown label"}
+)
+"""Kinds that training does not survive, or that put labels in the wrong place; the others are notices."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that is wrong, or at least worth a look.
 
     Attributes:
         kind: A key of `KINDS`.
-        sample: Name of the sample.
+        sample: Name of the sample; for a broken label the label file and the place in it.
         detail: Which polyline, vertex, file or number.
     """
 
     kind: str
     sample: str
     detail: str
+
+
+class Picture(NamedTuple):
+    """The image of a sample.
+
+    Attributes:
+        name: Name of the sample.
+        file: The image file; None for pixels that are in memory.
+    """
+
+    name: str
+    file: Path | None
 
 
 @dataclass(frozen=True)
@@ -54,10 +76,22 @@ class Occupancy:
 
     stride: int
     predictors: int
-    segments: int
-    cells: int
-    fullest: int
-    surplus: int
+    segments: int = 0
+    cells: int = 0
+    fullest: int = 0
+    surplus: int = 0
+
+    def __add__(self, other: Occupancy) -> Occupancy:
+        """Gives the occupancy of the samples of both."""
+        assert (self.stride, self.predictors) == (other.stride, other.predictors)
+        return Occupancy(
+            self.stride,
+            self.predictors,
+            self.segments + other.segments,
+            self.cells + other.cells,
+            max(self.fullest, other.fullest),
+            self.surplus + other.surplus,
+        )
 
 
 @dataclass(frozen=True)
@@ -70,8 +104,10 @@ class Report:
         vertices: Number of vertices.
         sizes: Number of images of each `(height, width)`, the most frequent first.
         class_counts: Number of polylines of each class.
-        findings: All findings, in the order of the samples.
+        findings: All findings, what is broken first, then in the order of the samples.
         occupancy: One entry for each stride.
+        left_out: Number of polylines of each name that is not among the classes.
+        pictures: The images of the samples, in their order.
     """
 
     samples: int
@@ -81,6 +117,8 @@ class Report:
     class_counts: dict[str, int]
     findings: tuple[Finding, ...]
     occupancy: tuple[Occupancy, ...]
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    pictures: tuple[Picture, ...] = ()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -90,8 +128,23 @@ class Report:
 
     @property
     def errors(self) -> tuple[Finding, ...]:
-        """The findings that training does not survive."""
+        """The findings of the kinds in `ERRORS`."""
         return tuple(finding for finding in self.findings if finding.kind in ERRORS)
+
+    def to_document(self) -> dict[str, Any]:
+        """Gives all but the pictures as values that JSON knows."""
+        return {
+            "samples": self.samples,
+            "polylines": self.polylines,
+            "vertices": self.vertices,
+            "sizes": [{"size": list(size), "images": count} for size, count in self.sizes.items()],
+            "classes": self.class_counts,
+            "left_out": dict(self.left_out),
+            "occupancy": [asdict(one) for one in self.occupancy],
+            "counts": self.counts,
+            "errors": len(self.errors),
+            "findings": [asdict(finding) for finding in self.findings],
+        }
 
 
 @dataclass(frozen=True)
@@ -113,4 +166,4 @@ class DeviationRow:
     lost: int
 
 
-__all__ = ["ERRORS", "KINDS", "DeviationRow", "Finding", "Occupancy", "Report", "Size"]
+__all__ = ["ERRORS", "KINDS", "DeviationRow", "Finding", "Occupancy", "Picture", "Report", "Size"]

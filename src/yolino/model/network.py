@@ -134,7 +134,7 @@ class Network(nn.Module):
             torch.arange(rows, device=device), torch.arange(cols, device=device), indexing="ij"
         )
         corner = torch.stack([x, y], dim=-1).reshape(1, rows * cols, 1, 1, 2).to(prediction.params.dtype)
-        # Written out for every predictor: adding arrays of one shape takes a tenth of the time in ONNX Runtime.
+        # Written out for every predictor: ONNX Runtime adds arrays of one shape in a tenth of the time.
         corner = corner.expand(-1, -1, self.predictors, 2, -1).contiguous()
         endpoints = (self.representation.decode(prediction.params) + corner) * float(self.stride)
         return endpoints.flatten(1, 2), prediction.confidence.flatten(1), prediction.classes.flatten(1, 2)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from yolino.viz.colors import FALSE_ALARM, HIT, MISS, PALETTE, direction_colors, palette, score_colors
 from yolino.viz.lines import draw_points, draw_polylines, draw_segments
-from yolino.viz.sheet import contact_sheet, draw_matches
+from yolino.viz.sheet import contact_sheet, draw_legend, draw_matches, draw_regions
 
 __all__ = [
     "FALSE_ALARM",
@@ -17,9 +17,11 @@ __all__ = [
     "PALETTE",
     "contact_sheet",
     "direction_colors",
+    "draw_legend",
     "draw_matches",
     "draw_points",
     "draw_polylines",
+    "draw_regions",
     "draw_segments",
     "palette",
     "score_colors",

@@ -11,11 +11,12 @@ from jaxtyping import Float, UInt8
 from numpy.typing import NDArray
 
 from yolino.image import as_rgb
-from yolino.viz.colors import FALSE_ALARM, HIT, MISS, OUTLINE, Color
+from yolino.viz.colors import FALSE_ALARM, HIT, MISS, OUTLINE, Color, palette
 from yolino.viz.lines import Canvas, draw_points
 
 _BACKGROUND = (32, 32, 32)
 _TITLE: Color = (255, 255, 255)
+_REGION: Color = (200, 200, 200)
 _GAP, _BAR = 4, 28
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
@@ -42,6 +43,39 @@ def draw_matches(
     left, height = 0, max(16, round(float(np.sqrt(canvas.shape[0] * canvas.shape[1])) / 30))
     for name, points, color in reversed(groups):
         left += _draw_text(canvas, f"{name} {len(points)}", (left, 0), color, height)
+    return canvas
+
+
+def draw_regions(image: NDArray[np.generic], regions: Sequence[Float[np.ndarray, "_ 2"]]) -> Canvas:
+    """Gives the image with regions shaded and hatched: where nothing is labelled.
+
+    Args:
+        image: RGB or gray pixels.
+        regions: Polygons in pixels of the image (even-odd rule).
+    """
+    canvas = as_rgb(image).copy()
+    thickness = max(1, round(float(np.sqrt(canvas.shape[0] * canvas.shape[1])) / 500))
+    rows, columns = np.arange(canvas.shape[0])[:, None], np.arange(canvas.shape[1])
+    stripes = ((rows + columns) // (4 * thickness)) % 3 == 0
+    for region in regions:
+        corners = np.round((np.clip(region, -1e4, 1e5) - 0.5) * 16).astype(np.int32)
+        inside = np.zeros(canvas.shape[:2], np.uint8)
+        cv2.fillPoly(inside, [corners], 1, cv2.LINE_8, 4)
+        inside = inside.astype(np.bool_)
+        canvas[inside] = canvas[inside] // 2
+        canvas[inside & stripes] = canvas[inside & stripes] // 2 + np.array(_REGION, np.uint8) // 2
+        cv2.polylines(canvas, [corners], True, _REGION, thickness, cv2.LINE_AA, 4)
+    return canvas
+
+
+def draw_legend(image: NDArray[np.generic], names: Sequence[str]) -> Canvas:
+    """Gives the image with the names of the classes in its lower left corner, each in its color."""
+    canvas = as_rgb(image).copy()
+    height = max(16, round(float(np.sqrt(canvas.shape[0] * canvas.shape[1])) / 30))
+    colors = palette(np.arange(len(names)))
+    for i, name in enumerate(reversed(names)):
+        red, green, blue = map(int, colors[len(names) - 1 - i])
+        _draw_text(canvas, name, (0, canvas.shape[0] - (i + 1) * height), (red, green, blue), height)
     return canvas
 
 
