@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -51,6 +54,19 @@ class Annotation:
     source: Path = Path()
 
 
+def parse_json(data: bytes, where: str) -> Any:
+    """Gives what a JSON text in UTF-8 holds; a byte order mark is fine.
+
+    Raises:
+        LabelError: It is no such text; the place is named.
+    """
+    try:
+        return json.loads(data.removeprefix(codecs.BOM_UTF8))
+    except (ValueError, RecursionError) as error:
+        reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
+        raise LabelError(where, f"is not valid JSON ({reason})") from None
+
+
 def check_points(points: object, where: str, *, least: int = 1) -> Float[np.ndarray, "v 2"]:
     """Gives a list of `[x, y, ...]` as an array of vertices; further coordinates (a height) are left out.
 
@@ -69,4 +85,4 @@ def check_points(points: object, where: str, *, least: int = 1) -> Float[np.ndar
     return np.array([point[:2] for point in points], np.float64).reshape(-1, 2)
 
 
-__all__ = ["Annotation", "LabelError", "check_points"]
+__all__ = ["Annotation", "LabelError", "check_points", "parse_json"]

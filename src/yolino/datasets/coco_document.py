@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Container
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from yolino.datasets.annotation import LabelError, check_points
+from yolino.datasets.annotation import LabelError, check_points, parse_json
 
 Vertices = Float[np.ndarray, "_ 2"]
 Entry = dict[str, Any]
@@ -23,11 +22,7 @@ def load(path: Path) -> dict[str, list[Any]]:
     Raises:
         LabelError: It is no such document.
     """
-    try:
-        document = json.loads(path.read_bytes())
-    except (ValueError, RecursionError) as error:
-        reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
-        raise LabelError(str(path), f"is not valid JSON ({reason})") from None
+    document = parse_json(path.read_bytes(), str(path))
     if not isinstance(document, dict):
         raise LabelError(str(path), f"holds a {type(document).__name__}, but an object with images is needed")
     lists = {"categories": [], **document}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from yolino.datasets.annotation import LabelError
+from yolino.datasets.annotation import LabelError, parse_json
 from yolino.datasets.lists import ListedDataset, pixel_numbers
 from yolino.datasets.writing import ImageWriter, without_suffix
 from yolino.types import Sample
@@ -71,11 +71,7 @@ class CurveLanes(ListedDataset):
             LabelError: It is no JSON, has no lanes, or a lane has no points or one that is not finite.
             OSError: The file cannot be read.
         """
-        try:
-            document = json.loads(path.read_bytes())
-        except (ValueError, RecursionError) as error:
-            reason = error.msg if isinstance(error, json.JSONDecodeError) else type(error).__name__
-            raise LabelError(str(path), f"is not valid JSON ({reason})") from None
+        document = parse_json(path.read_bytes(), str(path))
         lanes = document.get("Lines") if isinstance(document, dict) else None
         if not isinstance(lanes, list):
             raise LabelError(str(path), 'has no list of lanes, but {"Lines": [...]} is needed')

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from yolino.datasets.annotation import LabelError, check_points
+from yolino.datasets.annotation import LabelError, check_points, parse_json
 
 _KINDS = ("LineString", "MultiLineString", "Polygon", "MultiPolygon", "GeometryCollection")
 _LARGEST = 1e300
@@ -40,11 +40,7 @@ def load(path: Path) -> tuple[Head, list[Any]]:
     Raises:
         LabelError: It is no `FeatureCollection`, or a member that means something here is wrong.
     """
-    try:
-        document = json.loads(path.read_bytes())
-    except (ValueError, RecursionError) as error:
-        reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
-        raise LabelError(str(path), f"is not valid JSON ({reason})") from None
+    document = parse_json(path.read_bytes(), str(path))
     if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
         kind = document.get("type") if isinstance(document, dict) else type(document).__name__
         raise LabelError(str(path), f"holds a {kind!r:.80}, but a FeatureCollection is needed")

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from yolino.datasets.annotation import Annotation, LabelError, check_points
+from yolino.datasets.annotation import Annotation, LabelError, check_points, parse_json
 from yolino.datasets.files import FileDataset
 from yolino.datasets.writing import ImageWriter, without_suffix
 from yolino.types import Sample
@@ -142,11 +142,7 @@ def _shape(label: str, kind: str, points: Float[np.ndarray, "v 2"]) -> dict[str,
 
 
 def _parse(path: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_bytes())
-    except (ValueError, RecursionError) as error:
-        reason = error.msg if isinstance(error, json.JSONDecodeError) else type(error).__name__
-        raise LabelError(str(path), f"is not valid JSON ({reason})") from None
+    document = parse_json(path.read_bytes(), str(path))
     if not isinstance(document, dict) or not isinstance(document.get("shapes"), list):
         raise LabelError(str(path), "has no list of shapes, which a file of LabelMe has")
     return document

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict, cast
 
-from yolino.datasets.annotation import LabelError
+from yolino.datasets.annotation import LabelError, parse_json
 from yolino.io import write_atomic
 
 _LARGEST = 1e6
@@ -54,7 +54,7 @@ def located_records(path: Path) -> Iterator[tuple[str, Record | LabelError]]:
                 count += 1
                 where = f"{path}, line {number}"
                 try:
-                    yield where, _check_record(_parse(line, where), where)
+                    yield where, _check_record(parse_json(line, where), where)
                 except LabelError as error:
                     yield where, error
     if count == 0:
@@ -64,14 +64,6 @@ def located_records(path: Path) -> Iterator[tuple[str, Record | LabelError]]:
 def write_records(path: str | Path, records: Iterable[Record]) -> None:
     """Writes a submission file: one record per line, first to a temporary name."""
     write_atomic(path, "".join(json.dumps(record) + "\n" for record in records))
-
-
-def _parse(line: bytes, where: str) -> Any:
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError) as error:
-        reason = error.msg if isinstance(error, json.JSONDecodeError) else type(error).__name__
-        raise LabelError(where, f"is not valid JSON ({reason}), but one JSON object is needed") from None
 
 
 def _check_record(record: Any, where: str) -> Record:
