@@ -44,11 +44,8 @@ def smooth_outlines(
     """
     points, offsets, scores, labels = outlines
     chosen = np.flatnonzero(kept)
-    curves = [spline(points[offsets[i] : offsets[i + 1]]) for i in chosen]
-    if not curves:
-        return Polylines(np.zeros((0, 2)), np.zeros(1, np.int64))
-    sizes = np.cumsum([0, *(len(curve) for curve in curves)])
-    return Polylines(np.concatenate(curves) * cell_size, sizes, scores[chosen], labels[chosen])
+    curves, sizes = spline.smooth(points, offsets, chosen)
+    return Polylines(curves * cell_size, sizes, scores[chosen], labels[chosen])
 
 
 @njit(cache=True, error_model="numpy")
