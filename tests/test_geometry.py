@@ -146,3 +146,13 @@ def test_distance_to_segments_is_the_same_in_blocks(monkeypatch):
     whole = distance_to_segments(points, segments)
     monkeypatch.setattr("yolino.geometry._PAIRS", 100)
     np.testing.assert_array_equal(distance_to_segments(points, segments), whole)
+
+
+@pytest.mark.parametrize("shape", [(2,), (5, 2), (3, 2, 2), (0, 2)])
+def test_scaling_and_moving_is_a_homography_too(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(6)
+    points = rng.normal(100, 50, shape)
+    for w in (1.0, 2.5):
+        matrix = np.array([[0.5, 0.0, 30.0], [0.0, 3.0, -7.0], [0.0, 0.0, w]])
+        padded = np.concatenate([points, np.ones((*shape[:-1], 1))], axis=-1) @ matrix.T
+        np.testing.assert_allclose(transform_points(points, matrix), padded[..., :2] / padded[..., 2:])

@@ -17,6 +17,8 @@ def transform_points(
     points: Float[np.ndarray, "*shape 2"], matrix: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "*shape 2"]:
     """Gives `points` in the frame that the homography `matrix` maps to (column vectors: `p' ~ M p`)."""
+    if not (matrix[0, 1] or matrix[1, 0] or matrix[2, 0] or matrix[2, 1]):  # scaled and moved, the usual case
+        return np.asarray(points * (matrix[[0, 1], [0, 1]] / matrix[2, 2]) + matrix[:2, 2] / matrix[2, 2])
     xy = points @ matrix[:2, :2].T + matrix[:2, 2]
     w = points @ matrix[2, :2] + matrix[2, 2]
     return np.asarray(xy / w[..., None])

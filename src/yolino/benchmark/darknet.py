@@ -17,12 +17,12 @@ from yolino.inference import OnnxEngine, Predictor
 from yolino.model.network import Network
 
 _STRIDE = 16
-_FRAMES = 4
+_FRAMES = 8
 NETWORK = NETWORKS["darknet19"]
 ABOUT = (
     "Darknet-19 with cells of 16 px and the neck of the paper's configuration, random weights, exported "
     "like any model and run by the same engine on the same input size; both are followed by the same "
-    "post-processing of the same made-up candidates. A turn is four frames in a row, as in a video: between "
+    "post-processing of the same made-up candidates. A turn is eight frames in a row, as in a video: between "
     "single frames of the other network, the weights of a small one are pushed out of the processor's cache."
 )
 

@@ -130,17 +130,11 @@ class Predictor:
 
 
 def _above(output: Output, index: int, threshold: float) -> Segments:
-    """Gives the segments of image `index` with at least `threshold`; only these become float64."""
-    kept = np.flatnonzero(output.scores[index] >= threshold)
-    endpoints = output.endpoints[index].take(kept, axis=0).astype(np.float64)
-    if not np.isfinite(endpoints).all():
-        raise ValueError(
-            "The network gave end points that are not finite: its file is damaged or its precision too low."
-        )
-    scores = output.scores[index].take(kept).astype(np.float64)
-    if output.probabilities is None:
-        return Segments(endpoints, scores)
-    return Segments(endpoints, scores, probabilities=output.probabilities[index, kept].astype(np.float64))
+    """Gives the segments of image `index` with at least the threshold."""
+    from yolino.postprocess.thresholding import segments_above
+
+    shares = None if output.probabilities is None else output.probabilities[index]
+    return segments_above(output.endpoints[index], output.scores[index], shares, threshold)
 
 
 def _map_segments(segments: Segments, matrix: Float[np.ndarray, "3 3"]) -> Segments:
