@@ -138,3 +138,24 @@ def test_broken_predictions_are_named(run: Run, culane: tuple[Path, Path]) -> No
     code, _, err = run("score", "--metric", "culane", *culane)
     assert code == 2
     assert "1.lines.txt, line 1 holds 'x', but finite numbers are needed." in err
+
+
+def test_classes_come_with_their_confusion_matrix(run: Run, tmp_path: Path) -> None:
+    lines = {"solid": [[20, 90], [60, 10]], "dashed": [[150, 90], [120, 10]]}
+    for side, names in (("truth", ("solid", "dashed")), ("found", ("solid", "solid"))):
+        shapes = [
+            {"label": name, "shape_type": "linestrip", "points": points}
+            for name, points in zip(names, lines.values(), strict=True)
+        ]
+        (tmp_path / side).mkdir()
+        document = {"imagePath": "a.jpg", "imageHeight": 100, "imageWidth": 200, "shapes": shapes}
+        (tmp_path / side / "a.json").write_text(json.dumps(document))
+    code, out, err = run("score", "--metric", "classes", "found", "truth", "--json")
+    assert (code, err) == (0, "")
+    scores = json.loads(out)
+    assert scores["classes"] == ["dashed", "solid"]
+    (dashed, solid), zero = (scores["confusion"][i][1] for i in (0, 1)), scores["confusion"]
+    assert (zero[0][0], zero[1][0]) == (0, 0)
+    assert scores["class_accuracy"] == pytest.approx(solid / (solid + dashed))
+    code, out, _ = run("score", "--metric", "classes", "found", "truth")
+    assert "labelled \\ predicted" in out

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from yolino.cli.metrics import MetricOption, Radius, Undirected
 from yolino.cli.options import AsJson
+
+if TYPE_CHECKING:
+    from yolino.evaluate import Scores
 
 EPILOG = """
 **Examples**
@@ -65,11 +68,12 @@ def score(
     """Score predictions in files against labels in files."""
     from yolino.cli.metrics import build_metric
     from yolino.cli.screen import counted
+    from yolino.evaluate import Scores
     from yolino.evaluate import score as run
     from yolino.metrics import Metric, score_files
 
     if metric == "tusimple" and predictions.is_file() and labels.is_file() and not lists:
-        _print(score_files(predictions, labels), {}, {}, as_json=as_json)
+        _print(Scores({**score_files(predictions, labels)}, {}, 0, {}), as_json=as_json)
         return
     shape = _shape(size)
     offered: dict[str, Any] = {"radius": radius, "iou": iou, "directed": not undirected}
@@ -93,7 +97,7 @@ def score(
     )
     if found.missing:
         typer.echo(f"{found.missing} labelled images have no prediction: they count as misses.", err=True)
-    _print(found.values, found.intervals, found.categories, as_json=as_json)
+    _print(found, as_json=as_json)
 
 
 def _shape(text: str | None) -> tuple[int, int] | None:
@@ -106,30 +110,29 @@ def _shape(text: str | None) -> tuple[int, int] | None:
     return int(height), int(width)
 
 
-def _print(
-    values: Mapping[str, float | int],
-    intervals: Mapping[str, tuple[float, float]],
-    categories: Mapping[str, Mapping[str, float]],
-    *,
-    as_json: bool,
-) -> None:
+def _print(found: Scores, *, as_json: bool) -> None:
     import json
 
     from yolino.cli.screen import print_table
 
+    names = found.classes or tuple(map(str, range(len(found.confusion))))
     if as_json:
-        more: dict[str, Any] = {"intervals": intervals} if intervals else {}
-        more |= {"categories": categories} if categories else {}
-        typer.echo(json.dumps({**values, **more}))
+        more: dict[str, Any] = {"intervals": found.intervals} if found.intervals else {}
+        more |= {"categories": found.categories} if found.categories else {}
+        more |= {"classes": names, "confusion": found.confusion} if found.confusion else {}
+        typer.echo(json.dumps({**found.values, **more}))
         return
     rows = []
-    for name, value in values.items():
-        low, high = intervals.get(name, (None, None))
+    for name, value in found.values.items():
+        low, high = found.intervals.get(name, (None, None))
         text = f"{value:.4f}" if isinstance(value, float) else str(value)
         rows.append((name.replace("_", " "), text, "" if low is None else f"{low:.3f} .. {high:.3f}"))
     print_table(("score", "value", "95 % interval"), rows)
-    for category, scores in categories.items():
+    for category, scores in found.categories.items():
         print_table(("score", "value"), [(n, f"{v:.4f}") for n, v in scores.items()], title=category)
+    if found.confusion:
+        counts = [(name, *row) for name, row in zip(names, found.confusion, strict=True)]
+        print_table(("labelled \\ predicted", *names), counts, title="Samples that were found, by class")
 
 
 __all__ = ["add_to", "score"]

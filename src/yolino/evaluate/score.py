@@ -15,7 +15,7 @@ from yolino.datasets.description import NAMES as DESCRIPTIONS
 from yolino.datasets.description import arguments_of, build, load_description, open_split
 from yolino.datasets.detection import detect_format
 from yolino.io import image_size
-from yolino.metrics import Metric, bootstrap_intervals
+from yolino.metrics import ClassMetric, Metric, bootstrap_intervals
 from yolino.types import Polylines, Sample
 
 Size = tuple[int, int]
@@ -144,12 +144,17 @@ class Scores:
         categories: The scores of each list of images, by the name of the list, where there are several.
         missing: Labelled images without a prediction; they count as misses.
         intervals: 95 % confidence intervals of the scores, if asked for.
+        classes: Names of the classes that are compared; none where classes do not count.
+        confusion: Found samples of each true class (row) and predicted class (column), for the metric of
+            classes.
     """
 
     values: dict[str, float | int]
     categories: dict[str, dict[str, float]]
     missing: int
     intervals: dict[str, tuple[float, float]]
+    classes: tuple[str, ...] = ()
+    confusion: Sequence[Sequence[int]] = ()
 
 
 def score(
@@ -183,7 +188,8 @@ def score(
     found = open_side(predictions, format=format, progress=progress)
     sides = [open_side(labels, format=format, names=one, progress=progress) for one in lists or (None,)]
     classes = found.classes if len(sides[0].classes) == 1 else sides[0].classes
-    metric = make(classes if len(classes) > 1 and len(sides[0].classes) > 1 else ())
+    compared = tuple(classes) if len(classes) > 1 and len(sides[0].classes) > 1 else ()
+    metric = make(compared)
     missing, counts = 0, []
     for side in sides:
         before = len(metric)
@@ -200,7 +206,8 @@ def score(
             one.stem: {name: float(scores[i]) for name, scores in rows.items()} for i, one in enumerate(lists)
         }
     ranges = bootstrap_intervals(metric, np.random.default_rng(0)) if intervals else {}
-    return Scores(values, categories, missing, ranges)
+    confusion = metric.confusion.tolist() if isinstance(metric, ClassMetric) else ()
+    return Scores(values, categories, missing, ranges, compared, confusion)
 
 
 @runtime_checkable
