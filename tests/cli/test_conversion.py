@@ -80,3 +80,23 @@ def test_a_split_needs_a_description(run: Run, labels: Path) -> None:
     code, _, err = run("datasets", "convert", *arguments)
     assert code == 2
     assert "--split needs --data" in err
+
+
+def test_licence_stays_and_labels_are_not_replaced(run: Run, labels: Path) -> None:
+    (labels / "data.yaml").write_text("format: culane\nsplits: {val: list/val.txt}\nlicence: research only\n")
+    convert = ["datasets", "convert", "--data", labels, "--split", "val", "--to", "cvat", "--out", "new"]
+    assert run(*convert)[0] == 0
+    assert "licence: research only" in Path("new/data.yaml").read_text()
+    code, _, err = run(*convert)
+    assert code == 2
+    assert "new holds labels already, which would be replaced" in err
+    assert run(*convert, "--force")[0] == 0
+
+
+def test_a_sheet_does_not_replace_an_image(run: Run, labels: Path) -> None:
+    image = labels / "a/0.jpg"
+    before = image.read_bytes()
+    code, _, err = run("datasets", "show", "--data", labels, "--out", image)
+    assert code == 2
+    assert "would replace an image of the dataset: give another name." in err
+    assert image.read_bytes() == before

@@ -303,3 +303,16 @@ def test_a_file_is_no_folder_for_results(run: Run, model: Path, photo: Path) -> 
     code, _, err = run("predict", photo, "--model", model, "--out", photo)
     assert (code, err) == (2, f"Error: --out {photo} is a file, but a folder is needed: give another name.\n")
     assert photo.read_bytes() == before
+
+
+def test_labels_that_a_person_corrected_are_not_replaced(run: Run, model: Path, photo: Path) -> None:
+    """The first run writes beside the photo; a second one finds labels there."""
+    command = ["predict", photo, "--model", model, "--format", "labelme", "--out", ".", "--no-images"]
+    assert run(*command)[0] == 0
+    labels = Path("photo.json")
+    labels.write_text(labels.read_text() + "\n")
+    before = labels.read_text()
+    code, _, err = run(*command)
+    assert code == 2
+    assert "holds labels already, which would be replaced: choose another folder." in err
+    assert labels.read_text() == before

@@ -159,3 +159,32 @@ def test_classes_come_with_their_confusion_matrix(run: Run, tmp_path: Path) -> N
     assert scores["class_accuracy"] == pytest.approx(solid / (solid + dashed))
     code, out, _ = run("score", "--metric", "classes", "found", "truth")
     assert "labelled \\ predicted" in out
+
+
+def test_a_radius_is_the_threshold_of_instances(run: Run, culane: tuple[Path, Path]) -> None:
+    arguments = ["score", "--metric", "chamfer", *culane, "--size", "590x1640", "--json"]
+    assert "ap_5px" in json.loads(run(*arguments, "--radius", "5")[1])
+    assert "ap_1%" in json.loads(run(*arguments)[1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--metric", "culane", "--radius", "3"], "The metric 'culane' takes no --radius; it takes iou"),
+        (["--metric", "points", "--iou", "0.3"], "The metric 'points' takes no --iou; it takes radius"),
+        (["--set", "spacing=nan"], "spacing must be positive"),
+    ],
+)
+def test_options_that_do_not_fit_are_told(
+    run: Run, culane: tuple[Path, Path], arguments: list[str], reason: str
+) -> None:
+    code, out, err = run("score", *culane, "--size", "590x1640", *arguments)
+    assert (code, out) == (2, "")
+    assert reason in err
+
+
+def test_a_folder_is_read_as_its_description_says(run: Run, culane: tuple[Path, Path]) -> None:
+    (culane[1] / "data.yaml").write_text("format: culane\nclasses: [kerb]\n")
+    code, _, err = run("score", *culane, "--size", "590x1640")
+    assert code == 2
+    assert "None of the classes kerb occurs" in err

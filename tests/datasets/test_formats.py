@@ -165,6 +165,11 @@ def test_images_are_linked_copied_or_left(dataset: InMemory, tmp_path: Path) -> 
     assert not copied.samefile(source)
     convert(dataset, "cvat", tmp_path / "left", images="none")
     assert sorted(p.name for p in (tmp_path / "left").iterdir()) == ["annotations.xml", "data.yaml"]
+    linked = open_split(load_description(tmp_path / "linked"))
+    convert(linked, "coco", tmp_path / "chain", images="none")
+    assert (
+        open_split(load_description(tmp_path / "chain"))[0].image == (tmp_path / "linked/a/20.jpg").resolve()
+    )
 
 
 def test_files_that_place_an_image_on_the_map_come_along(dataset: InMemory, tmp_path: Path) -> None:
@@ -179,7 +184,10 @@ def test_files_that_place_an_image_on_the_map_come_along(dataset: InMemory, tmp_
 def test_a_folder_can_be_converted_in_place(dataset: InMemory, tmp_path: Path) -> None:
     convert(dataset, "cvat", tmp_path / "source")
     before = {p: p.read_bytes() for p in (tmp_path / "source").rglob("*.jpg")}
-    convert(open_split(load_description(tmp_path / "source")), "coco", tmp_path / "source")
+    again = open_split(load_description(tmp_path / "source"))
+    with pytest.raises(ValueError, match="holds labels already"):
+        convert(again, "coco", tmp_path / "source")
+    convert(again, "coco", tmp_path / "source", force=True)
     assert {p: p.read_bytes() for p in (tmp_path / "source").rglob("*.jpg")} == before
     assert yaml.safe_load((tmp_path / "source/data.yaml").read_text())["format"] == "coco"
 

@@ -44,17 +44,34 @@ def convert(
             help="Images are linked (copied where the disk cannot), copied, or left where they are.",
         ),
     ] = "link",
+    force: Annotated[
+        bool, typer.Option("--force", help="Write into a folder that holds labels, and replace them.")
+    ] = False,
 ) -> None:
     """Write a dataset in another format, with its images and a data.yaml."""
     from yolino.cli.labels import Selection, open_or_tell
     from yolino.cli.screen import track
     from yolino.datasets import WRITERS
     from yolino.datasets.convert import convert as run
+    from yolino.datasets.description import load_description
 
     if to not in WRITERS:
         raise ValueError(f"The format {to!r} cannot be written; use one of {', '.join(WRITERS)}.")
     samples = open_or_tell(Selection(data, split, dataset, root, labels or (), option or (), skip_broken))
-    run(samples, to, out, images=images, progress=lambda indices: track(indices, "converting"))
+    facts: dict[str, str] = {}
+    if data is not None:
+        described = load_description(data)
+        given = {"licence": described.licence, "description": described.description}
+        facts = {key: value for key, value in given.items() if value != "unknown"}
+    run(
+        samples,
+        to,
+        out,
+        images=images,
+        force=force,
+        facts=facts,
+        progress=lambda indices: track(indices, "converting"),
+    )
     typer.echo(f"{len(samples)} images as {to} -> {out} (its description: {out / 'data.yaml'})")
     if lost := WRITERS[to].loses:
         typer.echo(f"The format {to} does not hold {', '.join(lost)}.", err=True)

@@ -57,12 +57,16 @@ def show(
 
     from yolino.cli.labels import Selection, open_or_tell
     from yolino.cli.screen import track
+    from yolino.datasets import FileDataset
     from yolino.io import read_image, write_image
     from yolino.viz import contact_sheet, draw_legend, draw_polylines, draw_regions
 
     samples = open_or_tell(Selection(data, split, dataset, root, labels or (), option or (), skip_broken))
     if len(samples) == 0:
         raise ValueError("The dataset has no samples: check the root and the label files.")
+    originals = samples.image_paths if out.exists() and isinstance(samples, FileDataset) else ()
+    if out.resolve() in {path.resolve() for path in originals}:
+        raise ValueError(f"--out {out} would replace an image of the dataset: give another name.")
     chosen = np.unique(
         np.linspace(0, len(samples) - 1, min(count, len(samples))).round().astype(int)
     ).tolist()

@@ -97,11 +97,15 @@ def evaluate(
         raise ValueError("--set is for the arguments of a metric: name it with --metric.")
     names = predictor.header.classes
     offered = {
-        "radius": radius,
         "directed": predictor.header.directed and samples.directed and not undirected,
         "classes": names if names and set(samples.classes) <= set(names) else None,
     }
-    metrics = {name: build_metric(name, offered, option_of_metric or ()) for name in metric or ()}
+    wanted = {"radius": radius}
+    if radius is not None and not metric:
+        raise ValueError("--radius is for a metric: name it with --metric.")
+    metrics = {
+        name: build_metric(name, offered, option_of_metric or (), wanted=wanted) for name in metric or ()
+    }
     found = run(
         predictor,
         samples,

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from yolino.datasets import WRITERS, Writer
+from yolino.datasets.convert import holds_labels
 from yolino.datasets.tusimple import Record, benchmark_rows, polylines_to_record, write_records
 from yolino.inference import Predictor
 from yolino.io import FORMATS, Result, read_image, write_atomic, write_image
@@ -49,6 +50,10 @@ class ResultWriter:
             raise ValueError(f"The format {format!r} is unknown; use one of {', '.join(known)}.")
         if out.exists() and not out.is_dir():
             raise ValueError(f"--out {out} is a file, but a folder is needed: give another name.")
+        if format not in (*FORMATS, TUSIMPLE) and holds_labels(out):
+            raise ValueError(
+                f"--out {out} holds labels already, which would be replaced: choose another folder."
+            )
         self.out, self.format, self.pictures = out, format, pictures
         self._labels: Writer | None = None
 

@@ -76,13 +76,14 @@ def score(
         _print(Scores({**score_files(predictions, labels)}, {}, 0, {}), as_json=as_json)
         return
     shape = _shape(size)
-    offered: dict[str, Any] = {"radius": radius, "iou": iou, "directed": not undirected}
+    offered: dict[str, Any] = {"directed": not undirected}
+    wanted = {"radius": radius, "iou": iou}
     if metric == "culane":
         shape = offered["size"] = shape or (590, 1640)
 
     def make(classes: Sequence[str]) -> Metric:
         chosen = classes or None
-        return build_metric(metric, {**offered, "classes": chosen}, option_of_metric or ())
+        return build_metric(metric, {**offered, "classes": chosen}, option_of_metric or (), wanted=wanted)
 
     make(())  # a mistake in the metric shows before files are read
     found = run(

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from yolino.datasets.dataset import Dataset
+from yolino.datasets.detection import detect_format
+from yolino.datasets.files import FileDataset
 from yolino.datasets.georeference import sidecars
 from yolino.datasets.registry import WRITERS
 from yolino.io import image_size, write_atomic, write_image
@@ -26,6 +29,8 @@ def convert(
     out: Path,
     *,
     images: str = "link",
+    force: bool = False,
+    facts: Mapping[str, Any] | None = None,
     progress: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> None:
     """Writes a dataset in another format, with its images and a `data.yaml`, so that it can be used at once.
@@ -37,25 +42,44 @@ def convert(
         dataset: What to write.
         format: Name in `WRITERS`.
         out: Folder to write to; images lie there under the names of their samples.
-        images: One of `IMAGES`.
+        images: One of `IMAGES`; with none, the `data.yaml` says where they lie.
+        force: Whether to write into a folder that holds labels already.
+        facts: More entries of the `data.yaml`: the licence, say.
         progress: Wraps the indices that are looped over, to show a progress bar.
 
     Raises:
-        ValueError: The format or `images` is unknown, or a sample lacks what the format needs.
+        ValueError: The format or `images` is unknown, the folder holds labels already, or a sample lacks what
+            the format needs.
         FileNotFoundError: An image is missing that has to be brought along or measured.
     """
     if format not in WRITERS:
         raise ValueError(f"The format {format!r} cannot be written; use one of {', '.join(WRITERS)}.")
     if images not in IMAGES:
         raise ValueError(f"images is {images!r}; use one of {', '.join(IMAGES)}.")
+    if not force and holds_labels(out):
+        raise ValueError(f"{out} holds labels already, which would be replaced: choose another folder.")
     with WRITERS[format](out, classes=dataset.classes, directed=dataset.directed) as writer:
         for index in progress(range(len(dataset))):
             sample = dataset[index]
             writer.add(_bring(sample, out, images))
-    description = {"format": format, "root": ".", "directed": dataset.directed}
+    description: dict[str, Any] = {"format": format, "root": ".", "directed": dataset.directed}
     if len(dataset.classes) > 1 and "classes" not in WRITERS[format].loses:
         description["classes"] = list(dataset.classes)
+    if images == "none" and isinstance(dataset, FileDataset):
+        description["options"] = {"images": str((dataset.images or dataset.root).resolve())}
+    description |= facts or {}
     write_atomic(out / "data.yaml", yaml.safe_dump(description, sort_keys=False, allow_unicode=True))
+
+
+def holds_labels(folder: Path) -> bool:
+    """Gives whether a folder holds labels of a known layout, or a description."""
+    if not folder.is_dir():
+        return False
+    try:
+        detect_format(folder)
+    except ValueError:
+        return any((folder / name).exists() for name in ("data.yaml", "data.yml"))
+    return True
 
 
 def _bring(sample: Sample, out: Path, images: str) -> Sample:
@@ -94,4 +118,4 @@ def _transfer(source: Path, target: Path, images: str) -> None:
         temporary.unlink(missing_ok=True)
 
 
-__all__ = ["IMAGES", "convert"]
+__all__ = ["IMAGES", "convert", "holds_labels"]

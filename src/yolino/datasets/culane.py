@@ -8,6 +8,7 @@ image; a file without lines is an image without lanes. (https://xingangpan.githu
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -92,7 +93,7 @@ class CULane(ListedDataset):
             OSError: The file cannot be read.
         """
         lanes = []
-        for number, line in enumerate(path.read_bytes().splitlines(), 1):
+        for number, line in enumerate(path.read_bytes().removeprefix(codecs.BOM_UTF8).splitlines(), 1):
             if values := line.split():
                 lanes.append(_lane(values, f"{path}, line {number}"))
         return lanes

@@ -61,7 +61,7 @@ def _of_file(path: Path) -> str:
 
 def _of_json(path: Path) -> str | None:
     """Gives the format of a JSON file by its keys."""
-    with path.open(encoding="utf-8", errors="replace") as stream:
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
         line = stream.readline(_PEEK)
         first = _parse(line)
         document = first if first is not None else _parse(line + stream.read())

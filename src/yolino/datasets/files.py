@@ -120,6 +120,11 @@ class FileDataset(ABC):
         """Gives the names of all classes that occur."""
         return tuple(sorted({name for one in self.annotations for name in one.names}))
 
+    @property
+    def image_paths(self) -> tuple[Path, ...]:
+        """The image file of each sample, where it is or where it would be."""
+        return tuple(self._paths)
+
     def __len__(self) -> int:
         return len(self.annotations)
 
@@ -276,7 +281,7 @@ class FileDataset(ABC):
 
 def listed_names(path: Path) -> Iterator[tuple[int, str]]:
     """Yields the number of each line of a list that is not empty, and the image that it names."""
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    for number, line in enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1):
         if found := _FIRST_COLUMN.search(line):
             yield number, found[0].replace("\\", "/").lstrip("/")
 

@@ -55,7 +55,8 @@ def open_side(path: Path, *, format: str | None = None, names: Path | None = Non
     arguments: dict[str, Any] = {"require_images": False, **changes}
     if names is not None:
         arguments["names"] = names.resolve() if names.is_file() else names
-    if path.name in DESCRIPTIONS or path.suffix in (".yaml", ".yml"):
+    described = path.is_dir() and any((path / name).is_file() for name in DESCRIPTIONS)
+    if format is None and (described or path.suffix in (".yaml", ".yml")):
         description = load_description(path)
         return Side(path, open_split(description, **_fitting(description.format, arguments)))
     format = format or detect_format(path)

@@ -101,6 +101,11 @@ def describe(source: Source, root: Path) -> Description | None:
     """
     if source.data is None:
         return None
+    if not source.data.exists() and not (root / source.data).exists():
+        raise FileNotFoundError(
+            f"There is no data description {source.data} and no {root / source.data}: give a data.yaml or a "
+            "folder, from the working directory or below data.root."
+        )
     return load_description(source.data if source.data.exists() else root / source.data)
 
 
