@@ -389,3 +389,14 @@ def test_the_size_of_a_png_is_read_from_its_head(tmp_path: Path, monkeypatch: py
     for other in (head + len(note).to_bytes(4, "big") + b"eXIf" + note + b"sums" + rest, whole[:-12]):
         path.write_bytes(other)  # it may be turned, or it is cut: then it is decoded
         assert image_size(path) == (1, 2)
+
+
+def test_a_cut_jpeg_has_no_size(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 255, (200, 300, 3), np.uint8))
+    assert image_size(path) == (200, 300)
+    path.write_bytes(path.read_bytes() + bytes(100))  # padded by a camera
+    assert image_size(path) == (200, 300)
+    path.write_bytes(path.read_bytes()[:20_000])
+    with pytest.raises(ValueError, match="truncated"):
+        image_size(path)

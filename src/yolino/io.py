@@ -75,7 +75,8 @@ def reduce_image(image: UInt8[np.ndarray, "h w 3"], reduce: int) -> UInt8[np.nda
 def image_size(path: str | Path) -> tuple[int, int]:
     """Gives `(height, width)` of an image file as `read_image` would return it.
 
-    Of a JPEG and of most PNG files only the header is read; other files are decoded.
+    Of a JPEG and of most PNG files only the header and the end are read; other files are decoded, and so are
+    these if the end is not there, which then raises.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -85,6 +86,8 @@ def image_size(path: str | Path) -> tuple[int, int]:
         with open(path, "rb") as stream:
             header = jpeg.read_header(stream)
             size = png.read_size(stream) if header is None else header.size
+            if header is not None and not jpeg.ends_whole(stream):
+                size = None
         if size is not None:
             return size
     height, width = read_image(path).shape[:2]

@@ -11,6 +11,7 @@ START = b"\xff\xd8\xff"
 
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _SCAN, _APP1, _ORIENTATION = 0xDA, 0xE1, 0x0112
+_TAIL = 4096  # bytes: what stands behind the end mark is rarely longer
 
 
 class Header(NamedTuple):
@@ -61,6 +62,12 @@ def is_complete(data: bytes) -> bool:
             return data.rfind(b"\xff\xd9") > at
         at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     return False
+
+
+def ends_whole(stream: BufferedIOBase) -> bool:
+    """Tells whether the end mark is near the end of the file, as it is unless the file is cut."""
+    stream.seek(max(stream.seek(0, os.SEEK_END) - _TAIL, 0))
+    return b"\xff\xd9" in stream.read()
 
 
 def _exif_orientation(exif: bytes) -> int | None:
