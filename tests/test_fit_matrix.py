@@ -29,6 +29,11 @@ def test_the_three_fits_by_hand() -> None:
     assert corners((640, 640), "letterbox") == [[160, 0], [480, 320]]
 
 
+def test_a_window_is_centered_and_not_scaled() -> None:
+    assert corners((640, 660), "window") == [[-10, -160], [650, 480]]
+    assert corners((320, 640), "window") == [[0, 0], [640, 320]]
+
+
 @settings(deadline=None)
 @given(image=sizes, network=sizes)
 def test_bottom_fills_the_width_and_touches_the_bottom(

@@ -61,3 +61,22 @@ def test_wrong_values_are_named(header: Header, key: str, value: object) -> None
     values = json.loads(header.to_json()) | {key: value}
     with pytest.raises(ValueError, match=f"The header's {key}"):
         Header.from_json(json.dumps(values))
+
+
+def test_a_file_of_an_earlier_version_has_the_scale_one(header: Header) -> None:
+    values = json.loads(header.to_json())
+    del values["scale"]
+    assert Header.from_json(json.dumps(values)).scale == 1.0
+
+
+@pytest.mark.parametrize("scale", [0, -1, 17, True, "half"])
+def test_a_scale_that_is_none_is_refused(header: Header, scale: object) -> None:
+    values = json.loads(header.to_json()) | {"fit": "window", "scale": scale}
+    with pytest.raises(ValueError, match="scale"):
+        Header.from_json(json.dumps(values))
+
+
+def test_only_windows_have_a_scale(header: Header) -> None:
+    with pytest.raises(ValueError, match="only the fit"):
+        dataclasses.replace(header, fit="stretch", scale=0.5)
+    assert dataclasses.replace(header, fit="window", scale=0.5).scale == 0.5

@@ -52,7 +52,9 @@ class Data(Section):
         val: Sources of the validation samples.
         root: Folder that holds the datasets.
         size: Input of the network in pixels, (height, width), divisible by 32.
-        fit: How an image is fitted to the input.
+        fit: How an image is fitted to the input; `window` does not fit it: training draws windows of `size`
+            anywhere in it, and the model goes over an image of any size in windows.
+        scale: Pixels of the network's input per pixel of the image, for the fit `window`.
         classes: Names of the classes to predict; empty for a network without classes.
         directed: Whether the direction of a line means something.
         licence: Licence of the training data; written into every model file.
@@ -63,7 +65,8 @@ class Data(Section):
     val: tuple[Source, ...] = Field(min_length=1)
     root: Path = Path("data")
     size: tuple[int, int] = (320, 640)
-    fit: Literal["bottom", "stretch", "letterbox"] = "bottom"
+    fit: Literal["bottom", "stretch", "letterbox", "window"] = "bottom"
+    scale: float = Field(1.0, gt=0, le=16)
     classes: tuple[str, ...] = ()
     directed: bool = True
     licence: str = "unknown"
@@ -102,10 +105,13 @@ class Training(Section):
     """How to optimize.
 
     Attributes:
+        freeze: Parts of the network that keep their weights, statistics included, such as
+            `backbone.conv_stem`; with pretrained weights a good part of the time is saved.
         start_from: Checkpoint whose weights training begins with (fine-tuning); none for random weights.
         steps: Optimizer steps in all.
         batch_size: Images per step (and process).
         lr: Peak learning rate, reached after the warm-up, then lowered by half a cosine.
+        backbone_lr: Learning rate of the backbone as a share of `lr`: small where its weights are pretrained.
         weight_decay: Decay rate.
         optimizer: `adamw`, or `adam` as in the paper.
         warmup_steps: Steps of linear warm-up.
@@ -122,10 +128,12 @@ class Training(Section):
         threads: Threads of the CPU for the network; 0 leaves torch's choice.
     """
 
+    freeze: tuple[str, ...] = ()
     start_from: Path | None = None
     steps: int = Field(5000, ge=1)
     batch_size: int = Field(8, ge=1)
     lr: float = Field(2e-3, gt=0)
+    backbone_lr: float = Field(1.0, ge=0)
     weight_decay: float = Field(1e-4, ge=0)
     optimizer: Literal["adam", "adamw"] = "adamw"
     warmup_steps: int = Field(100, ge=0)

@@ -178,6 +178,7 @@ def fit_matrix(
         fit: `"bottom"`: scaled to the network's width and aligned at the bottom edge, cropped or padded at
             the top (from 1280x720 to 320x640: the top 80 rows go, the rest is halved). `"letterbox"`: scaled
             to lie inside, centered, padded on both sides. `"stretch"`: both axes scaled on their own.
+            `"window"`: not scaled, centered: the image is a window of a larger one.
 
     Raises:
         ValueError: `fit` is none of these, or a size is not positive.
@@ -189,9 +190,10 @@ def fit_matrix(
         )
     if fit == "stretch":
         return np.diag([cols / w, rows / h, 1.0])
-    if fit not in ("bottom", "letterbox"):
-        raise ValueError(f"fit is {fit!r}, but must be 'bottom', 'letterbox' or 'stretch'.")
-    scale = cols / w if fit == "bottom" else min(cols / w, rows / h)
+    scales = {"bottom": cols / w, "letterbox": min(cols / w, rows / h), "window": 1.0}
+    if fit not in scales:
+        raise ValueError(f"fit is {fit!r}, but must be 'bottom', 'letterbox', 'stretch' or 'window'.")
+    scale = scales[fit]
     rest = np.array([cols - scale * w, rows - scale * h])
     shift = rest if fit == "bottom" else rest / 2
     return np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]], [0.0, 0.0, 1.0]])

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-FITS = ("bottom", "stretch", "letterbox")
+FITS = ("bottom", "stretch", "letterbox", "window")
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,15 @@ class Header:
     Attributes:
         version: Version of the package that wrote the file.
         name: Name of the model, as shown to users.
-        size: Input of the network in pixels, (height, width).
+        size: Input of the network in pixels, (height, width); for the fit "window" that of one window.
         stride: Edge of a cell in pixels of the network's input.
         predictors: Predictors per cell (the paper's P).
         representation: Name of the line representation the network was trained with.
         classes: Names of the classes, in the order of the labels; empty where the model knows none.
         directed: Whether the direction of a line means something.
-        fit: How an image is fitted to the input: "bottom", "stretch" or "letterbox".
+        fit: How an image is fitted to the input: "bottom", "stretch" or "letterbox"; "window": it is not, the
+            network goes over an image of any size in windows.
+        scale: Pixels of the network's input per pixel of the image, for the fit "window".
         licence: Licence of the training data, and thereby of the weights.
         data: What the model was trained on.
         postprocess: `threshold` (a score), `nms` (arguments of `NMS`), `linker` (a name in `LINKERS`) and
@@ -44,6 +46,7 @@ class Header:
     classes: tuple[str, ...] = ()
     directed: bool = True
     fit: str = "bottom"
+    scale: float = 1.0
     licence: str = "unknown"
     data: str = "unknown"
     postprocess: Mapping[str, Any] = field(default_factory=dict)
@@ -57,6 +60,8 @@ class Header:
             )
         if self.fit not in FITS:
             raise ValueError(f"The header's fit is {self.fit!r}, but must be one of {', '.join(FITS)}.")
+        if self.scale != 1 and self.fit != "window":
+            raise ValueError(f'The header\'s scale is {self.scale}, but only the fit "window" has a scale.')
         unknown = sorted(set(self.postprocess) - set(_POSTPROCESS))
         if unknown:
             raise ValueError(
@@ -84,7 +89,7 @@ class Header:
         if not isinstance(values, dict):
             raise ValueError(f"The header must be one JSON object, but is a {type(values).__name__}.")
         known = {f.name for f in fields(cls)}
-        missing, unknown = sorted(known - set(values)), sorted(set(values) - known)
+        missing, unknown = sorted(known - _NEWER - set(values)), sorted(set(values) - known)
         found = (("lacks", missing), ("has the unknown", unknown))
         if parts := [f"{verb} {', '.join(keys)}" for verb, keys in found if keys]:
             raise ValueError(
@@ -92,7 +97,11 @@ class Header:
                 f"({values.get('version', 'unknown')})."
             )
         _check_types(values, _TYPES)
-        return cls(**{**values, "size": tuple(values["size"]), "classes": tuple(values["classes"])})
+        values |= {"size": tuple(values["size"]), "classes": tuple(values["classes"])}
+        return cls(**{**values, "scale": float(values.get("scale", 1.0))})
+
+
+_NEWER = {"scale"}  # keys that the files of earlier versions lack; their defaults hold
 
 
 def _is_text(value: object) -> bool:
@@ -115,6 +124,10 @@ def _is_count(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value > 0
 
 
+def _is_scale(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 16
+
+
 def _is_size(value: object) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(map(_is_count, value))
 
@@ -130,6 +143,7 @@ _COUNT = (_is_count, "a positive integer")
 _TYPES: _Checks = {
     "size": (_is_size, "two positive integers (height, width)"),
     "stride": _COUNT,
+    "scale": (_is_scale, "a number above 0 and at most 16"),
     "predictors": _COUNT,
     "classes": (_is_names, "a list of names"),
     "directed": (_is_flag, "true or false"),

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from yolino.datasets import TuSimple
-from yolino.evaluate import evaluate, score_rows, write_report
+from yolino.evaluate import evaluate, point_radius, score_rows, write_report
+from yolino.header import Header
 from yolino.inference import Predictor, load
 from yolino.io import read_image
 from yolino.metrics import ChamferMetric, TuSimpleMetric, score_files
@@ -154,7 +156,11 @@ def test_classes_are_compared_by_name(class_model: Path) -> None:
     """The model says that both are dashed; the dataset numbers its classes the other way round."""
     names = ("dashed", "solid")
     dataset = InMemory(Sample("a", WHITE, lines(40.0, 88.0, labels=[0, 1])), classes=names)
-    assert evaluate(load(class_model), dataset).scores["class_accuracy"] == pytest.approx(0.5, abs=0.05)
+    scores = evaluate(load(class_model), dataset).scores
+    assert scores["class_accuracy"] == pytest.approx(0.5, abs=0.05)
+    assert scores["recall_dashed"] > 0.95
+    assert scores["precision_dashed"] == pytest.approx(0.5, abs=0.05)
+    assert scores["f1_solid"] == 0.0
     other = InMemory(Sample("a", WHITE, lines(40.0)), classes=("lane",))
     assert "class_accuracy" not in evaluate(load(class_model), other).scores
 
@@ -221,3 +227,9 @@ def test_the_report_shows_scores_and_the_worst(
     assert "<h1>tiny &lt;model&gt;</h1>" in page
     assert 'src="worst/01-clips-1-20.png"' in page
     assert page.count("<td>") == 3 * len(score_rows(found))
+
+
+def test_the_radius_of_a_model_that_sees_windows_is_a_part_of_its_cells() -> None:
+    header = Header("0", "m", (320, 320), 8, 1, "po", fit="window", scale=0.5)
+    assert point_radius(header) == 12.8  # the paper's: 640 / 50
+    assert point_radius(replace(header, fit="stretch", scale=1.0)) is None

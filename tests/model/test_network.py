@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from yolino.model.backbones import BACKBONES, Darknet19, ResidualNet, build_backbone, load_darknet_weights
-from yolino.model.network import Network, Prediction
+from yolino.model.network import PIXEL_MEAN, Network, Prediction
 from yolino.model.representations import REPRESENTATIONS
 
 SMALL = {
@@ -135,3 +136,26 @@ def test_other_sizes_are_refused_with_a_sentence():
         Network(**SMALL)(torch.zeros(1, 3, 50, 64))
     with pytest.raises(ValueError, match="four widths"):
         ResidualNet(widths=(8, 8))
+
+
+def test_a_timm_backbone_starts_from_a_file_and_sees_the_pixels_that_its_weights_expect(tmp_path):
+    name = "timm:tf_efficientnet_lite0"
+    source = build_backbone(name)
+    torch.nn.init.constant_(source.conv_stem.weight, 0.25)
+    save_file(source.state_dict(), tmp_path / "weights.safetensors")
+    network = Network(
+        backbone=name, backbone_args={"weights": tmp_path / "weights.safetensors"}, neck_width=8
+    )
+    assert (network.backbone.conv_stem.weight == 0.25).all()
+    assert network.pixel_mean.flatten().tolist() == [127.5] * 3
+    assert network.pixel_std.flatten().tolist() == [127.5] * 3
+
+
+def test_a_backbone_without_weights_of_its_own_sees_the_pixels_of_imagenet():
+    network = Network(backbone="residual", neck_width=8)
+    assert network.pixel_mean.flatten().tolist() == pytest.approx(PIXEL_MEAN)
+
+
+def test_missing_weights_are_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"no\.safetensors"):
+        build_backbone("timm:resnet18", weights=tmp_path / "no.safetensors")

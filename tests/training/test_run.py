@@ -19,7 +19,7 @@ from yolino.model.representations import REPRESENTATIONS
 from yolino.training.augment import Augment
 from yolino.training.data import EndlessSampler, Examples, build_augment, build_dataset, collate_examples
 from yolino.training.losses import Criterion
-from yolino.training.module import learning_rate_factor
+from yolino.training.module import TrainingModule, learning_rate_factor
 from yolino.training.run import build_loaders, train
 from yolino.types import Polylines, Sample
 
@@ -322,3 +322,40 @@ def test_presets_can_be_changed_one_value_at_a_time(config):
     augment = build_augment(experiment.augment, (64, 96), "bottom")
     assert augment.geometric.flip == 0
     assert augment.geometric.rotation_degrees > 0
+
+
+class TestFrozen:
+    def test_frozen_parts_keep_weights_and_statistics_and_the_others_learn(self, config):
+        experiment = load_experiment(config, ["training.freeze=[backbone.stem]"])
+        module = TrainingModule(experiment)
+        module.train()
+        module.on_train_epoch_start()
+        loader, _ = build_loaders(experiment, border=False)
+        before = {name: tensor.clone() for name, tensor in module.network.state_dict().items()}
+        optimizer = module.configure_optimizers()["optimizer"]
+        for batch, _ in zip(loader, range(2), strict=False):
+            loss, _ = module.criterion(module.network(batch.images.float()), batch.targets)
+            loss.total.backward()
+            optimizer.step()
+        after = module.network.state_dict()
+        same = {name for name in before if torch.equal(before[name], after[name])}
+        assert {name for name in before if name.startswith("backbone.stem")} <= same
+        assert "backbone.stages.0.0.first.1.running_mean" not in same
+        assert "head.weight" not in same
+
+    def test_a_misspelt_part_is_named(self, config):
+        with pytest.raises(ValueError, match=r"'backbone\.stam'.*did you mean 'backbone\.stem'"):
+            TrainingModule(load_experiment(config, ["training.freeze=[backbone.stam]"]))
+
+    def test_the_backbone_learns_at_its_own_rate_and_vectors_do_not_decay(self, config):
+        changes = ["training.lr=1e-3", "training.backbone_lr=0.1", "training.weight_decay=0.05"]
+        module = TrainingModule(load_experiment(config, changes))
+        groups = module.configure_optimizers()["optimizer"].param_groups
+        found = {}
+        for name, weights in module.network.named_parameters():
+            (group,) = [g for g in groups if any(weights is p for p in g["params"])]
+            found[name] = (group["initial_lr"], group["weight_decay"])
+        assert found["backbone.stem.0.weight"] == (1e-4, 0.05)
+        assert found["backbone.stem.1.weight"] == (1e-4, 0.0)
+        assert found["head.weight"] == (1e-3, 0.05)
+        assert found["head.bias"] == (1e-3, 0.0)

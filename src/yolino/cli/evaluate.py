@@ -85,7 +85,7 @@ def evaluate(
     from yolino.cli.metrics import build_metric
     from yolino.cli.screen import print_table, track
     from yolino.evaluate import evaluate as run
-    from yolino.evaluate import score_rows, write_report
+    from yolino.evaluate import point_radius, score_rows, write_report
     from yolino.inference import load
 
     if groups not in ("image", "folder"):
@@ -99,6 +99,7 @@ def evaluate(
     offered = {
         "directed": predictor.header.directed and samples.directed and not undirected,
         "classes": names if names and set(samples.classes) <= set(names) else None,
+        "radius": point_radius(predictor.header),
     }
     wanted = {"radius": radius}
     if radius is not None and not metric:

@@ -14,7 +14,7 @@ _STYLE = (
     "table{border-collapse:collapse}td,th{padding:.2rem .8rem;border-bottom:1px solid #ccc;text-align:right}"
     "td:first-child,th:first-child{text-align:left}img{max-width:100%}"
 )
-_COUNTS = {"images": "{:.0f}", "fps": "{:.1f}", "ms": "{:.1f}"}
+_COUNTS = {"images": "{:.0f}", "fps": "{:.1f}", "ms": "{:.1f}", "radius": "{:.1f}"}
 Row = tuple[str, str, str]
 
 

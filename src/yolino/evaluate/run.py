@@ -14,6 +14,7 @@ import numpy as np
 from yolino.datasets import Dataset, TuSimple
 from yolino.datasets.tusimple import Record, polylines_to_record, write_records
 from yolino.evaluate.worst import BadImage, Image, WorstImages, pixels_of
+from yolino.header import Header
 from yolino.inference import Predictor, Stages
 from yolino.metrics import (
     ClassMetric,
@@ -29,6 +30,7 @@ from yolino.types import Polylines, Sample
 _log = logging.getLogger(__name__)
 
 SUBMISSION = "predictions.json"
+RADIUS_CELLS = 0.8
 Progress = Callable[[Sequence[int]], Iterable[int]]
 Interval = tuple[float, float]
 
@@ -64,7 +66,9 @@ def evaluate(
     paper's point metric over the polylines, which are the result; those that begin with `segment_` are the
     same over the segments that the NMS leaves, as the paper reports them. Accuracy, FP and FN are those of
     the TuSimple benchmark; for other datasets they are alike, at rows of their images, and left out if there
-    are ignored regions. `class_accuracy` is there if model and dataset have the same classes.
+    are ignored regions or the model goes over the image in windows. If model and dataset have the same
+    classes, there are also `class_accuracy` and the point metric of each class (`f1_way`). `radius` is that
+    of the point metric, see `point_radius`.
 
     An image that takes more than 200 ms is wrong by the TuSimple benchmark's rules; here that is a warning,
     as it says more about the machine than about the model.
@@ -108,13 +112,23 @@ def evaluate(
     return Evaluation(found, intervals, written)
 
 
+def point_radius(header: Header) -> float | None:
+    """Gives the radius of the point metric in pixels of the image for a model; None for the metric's own.
+
+    The paper's radius, a fiftieth of the width of its input of 640 px, is 0.8 of its cells of 16 px. A model
+    that goes over images in windows has no image width to take a part of; its radius is as many cells.
+    """
+    return RADIUS_CELLS * header.stride / header.scale if header.fit == "window" else None
+
+
 class _Scores:
     """The metrics of one evaluation."""
 
     def __init__(self, predictor: Predictor, dataset: Dataset, metrics: Mapping[str, Metric] | None) -> None:
         directed = predictor.header.directed and dataset.directed
-        self.dataset = dataset
-        self.points, self.tusimple = PointMetric(directed=directed), TuSimpleMetric()
+        self.dataset, self.radius = dataset, point_radius(predictor.header)
+        self.points = PointMetric(directed=directed, radius=self.radius)
+        self.tusimple = TuSimpleMetric()
         self.records: list[Record] = []
         self.milliseconds: list[float] = []
         self.labels = _label_map(dataset.classes, predictor.header.classes)
@@ -123,11 +137,12 @@ class _Scores:
         self.segments: Metric | None = None
         self.lines = dict(metrics or {})
         if metrics is None:
-            self.segments = PointMetric(directed=directed)
-            self.lines["points"] = PointMetric(directed=directed)
-            if self.labels is not None:
-                self.lines["classes"] = ClassMetric(predictor.header.classes, directed=directed)
-        self.official = metrics is None or "tusimple" in metrics
+            names = predictor.header.classes if self.labels is not None else ()
+            self.segments = PointMetric(directed=directed, radius=self.radius)
+            self.lines["points"] = PointMetric(directed=directed, radius=self.radius, classes=names)
+            if names:
+                self.lines["classes"] = ClassMetric(names, directed=directed, radius=self.radius)
+        self.official = self.radius is None if metrics is None else "tusimple" in metrics
         self.lines.pop("tusimple", None)
 
     def add(
@@ -181,6 +196,8 @@ class _Scores:
                 scores[prefix + name], intervals[prefix + name] = values[name], ranges[name]
         self._warn_if_late()
         typical = median(self.milliseconds)
+        if self.segments is not None and self.radius is not None:
+            scores["radius"] = self.radius
         scores |= {"images": len(self.milliseconds), "fps": 1e3 / typical, "ms": typical}
         return scores, intervals
 
@@ -203,4 +220,4 @@ def _label_map(labelled: tuple[str, ...], predicted: tuple[str, ...]) -> np.ndar
     return np.array([predicted.index(name) for name in labelled], np.int64)
 
 
-__all__ = ["SUBMISSION", "Evaluation", "evaluate"]
+__all__ = ["RADIUS_CELLS", "SUBMISSION", "Evaluation", "evaluate", "point_radius"]

@@ -189,18 +189,27 @@ class ResidualNet(nn.Module):
 BACKBONES: dict[str, Callable[..., nn.Module]] = {"darknet19": Darknet19, "residual": ResidualNet}
 
 
-def build_backbone(name: str, *, pretrained: bool = False, **arguments: object) -> nn.Module:
+def build_backbone(
+    name: str, *, pretrained: bool = False, weights: str | Path | None = None, **arguments: object
+) -> nn.Module:
     """Gives the backbone `name` of `BACKBONES`, or any timm model with strides 8, 16, 32 as `timm:<name>`.
+
+    Args:
+        name: Name of the backbone.
+        pretrained: Start a timm model from its published weights, which are downloaded.
+        weights: File to start from: Darknet's for `darknet19`, a state dict (.safetensors) for a timm model.
+        arguments: Arguments of the backbone.
 
     Raises:
         ValueError: The name is unknown, or the timm model has other strides.
+        FileNotFoundError: There is no file of that name.
     """
     if name in BACKBONES:
         if pretrained:
             raise ValueError(
                 f"backbone {name} has no weights to download; for darknet19 give backbone_args.weights."
             )
-        return BACKBONES[name](**arguments)
+        return BACKBONES[name](**(arguments if weights is None else {**arguments, "weights": weights}))
     if not name.startswith("timm:"):
         raise ValueError(f"backbone {name!r} is unknown; use one of {', '.join(BACKBONES)} or timm:NAME.")
     if name[5:] not in timm.list_models():
@@ -212,7 +221,15 @@ def build_backbone(name: str, *, pretrained: bool = False, **arguments: object) 
             f"timm model {name[5:]!r} gives maps at strides {reduction}, but 8, 16 and 32 are needed."
         )
     indices = [reduction.index(s) for s in STRIDES]
+    if weights is not None:
+        if not Path(weights).is_file():
+            raise FileNotFoundError(f"There are no weights {weights} for {name}: give a .safetensors file.")
+        arguments["pretrained_cfg_overlay"] = {"file": str(weights)}
     backbone: nn.Module = timm.create_model(
-        name[5:], features_only=True, pretrained=pretrained, out_indices=indices, **arguments
+        name[5:],
+        features_only=True,
+        pretrained=pretrained or weights is not None,
+        out_indices=indices,
+        **arguments,
     )
     return backbone

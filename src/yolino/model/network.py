@@ -13,9 +13,17 @@ from yolino.model.backbones import build_backbone
 from yolino.model.neck import Neck
 from yolino.model.representations import REPRESENTATIONS, Representation
 
-# Mean and standard deviation of ImageNet's RGB pixels in 0..255: what pretrained timm backbones expect.
+# Mean and standard deviation of ImageNet's RGB pixels in 0..255, for backbones that do not state their own.
 PIXEL_MEAN = (123.675, 116.28, 103.53)
 PIXEL_STD = (58.395, 57.12, 57.375)
+
+
+def pixel_statistics(backbone: nn.Module) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Gives the mean and standard deviation of RGB pixels in 0..255 that the weights of a backbone expect."""
+    stated: Any = getattr(backbone, "pretrained_cfg", {})
+    if "mean" not in stated or "std" not in stated:
+        return PIXEL_MEAN, PIXEL_STD
+    return tuple(255.0 * m for m in stated["mean"]), tuple(255.0 * s for s in stated["std"])
 
 
 class Prediction(NamedTuple):
@@ -76,8 +84,9 @@ class Network(nn.Module):
         self._init_head()
         self.pixel_mean: Tensor
         self.pixel_std: Tensor
-        self.register_buffer("pixel_mean", torch.tensor(PIXEL_MEAN).view(1, 3, 1, 1), persistent=False)
-        self.register_buffer("pixel_std", torch.tensor(PIXEL_STD).view(1, 3, 1, 1), persistent=False)
+        mean, std = pixel_statistics(self.backbone)
+        self.register_buffer("pixel_mean", torch.tensor(mean).view(1, 3, 1, 1), persistent=False)
+        self.register_buffer("pixel_std", torch.tensor(std).view(1, 3, 1, 1), persistent=False)
 
     @property
     def outputs_per_predictor(self) -> int:

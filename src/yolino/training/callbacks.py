@@ -125,6 +125,7 @@ def build_header(experiment: Experiment, metrics: Mapping[str, float]) -> Header
         classes=data.classes,
         directed=data.directed,
         fit=data.fit,
+        scale=data.scale,
         licence=data.licence,
         data=data.description,
         postprocess=postprocess,

@@ -26,7 +26,8 @@ from yolino.datasets.description import (
 from yolino.grid import Grid
 from yolino.training.augment import PRESETS, Augment
 from yolino.training.targets import CellTargets, Targets, cell_targets, collate
-from yolino.types import Polylines
+from yolino.training.windows import Windows
+from yolino.types import Polylines, Sample
 
 logger = logging.getLogger(__name__)
 
@@ -166,23 +167,26 @@ class Examples(Dataset[Example]):
 
     def __getitem__(self, index: int) -> Example:
         rng = np.random.default_rng([self.seed, index])
-        which, item = self._pick(index, rng)
-        sample = self.datasets[which][item]
+        which, sample = self._pick(index, rng)
         image, polylines, ignore = self.augment(sample, rng)
         labels = self.label_maps[which][polylines.labels]
         polylines = Polylines(polylines.vertices, polylines.offsets, polylines.scores, labels)[labels >= 0]
         targets = cell_targets(polylines, self.grid, border=self.border, ignore=ignore)
         return Example(image, targets, polylines, ignore)
 
-    def _pick(self, index: int, rng: np.random.Generator) -> tuple[int, int]:
+    def _pick(self, index: int, rng: np.random.Generator) -> tuple[int, Sample]:
+        """Gives the number of a dataset and one of its samples."""
         if self.shares is None:
             for which, dataset in enumerate(self.datasets):
                 if index < len(dataset):
-                    return which, index
+                    return which, dataset[index]
                 index -= len(dataset)
             raise IndexError(index)
         which = int(rng.choice(len(self.shares), p=self.shares))
-        return which, int(rng.integers(len(self.datasets[which])))
+        dataset = self.datasets[which]
+        if isinstance(dataset, Windows):
+            return which, dataset.draw(rng)
+        return which, dataset[int(rng.integers(len(dataset)))]
 
 
 def _label_map(have: Sequence[str], want: Sequence[str]) -> np.ndarray:

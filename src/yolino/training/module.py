@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 from lightning.pytorch import LightningModule
-from torch import Tensor
+from torch import Tensor, nn
 
 from yolino.config import Experiment
 from yolino.metrics import PointMetric
@@ -36,6 +38,22 @@ def learning_rate_factor(step: int, *, steps: int, warmup_steps: int, final: flo
     return final + (1 - final) * 0.5 * (1 + math.cos(math.pi * way))
 
 
+def frozen_parts(network: Network, names: Sequence[str]) -> list[nn.Module]:
+    """Gives the parts of a network with these names, whose weights will not be learned.
+
+    Raises:
+        ValueError: There is no part of a name.
+    """
+    parts = dict(network.named_modules())
+    for name in names:
+        if name not in parts:
+            near = difflib.get_close_matches(name, list(parts), n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else "."
+            raise ValueError(f"training.freeze names {name!r}, but the network has no such part{hint}")
+        parts[name].requires_grad_(False)
+    return [parts[name] for name in names]
+
+
 class TrainingModule(LightningModule):
     """Trains and validates one network.
 
@@ -48,6 +66,7 @@ class TrainingModule(LightningModule):
         self.experiment = experiment
         network = Network(**network_arguments(experiment))
         self.network = network.to(memory_format=torch.channels_last)
+        self.frozen = frozen_parts(self.network, experiment.training.freeze)
         self.criterion = Criterion(
             self.network.representation, directed=experiment.data.directed, **experiment.loss.model_dump()
         )
@@ -55,6 +74,11 @@ class TrainingModule(LightningModule):
             float(self.network.stride), **{"directed": experiment.data.directed, **experiment.postprocess.nms}
         )
         self.scores: dict[str, float] = {}
+
+    def on_train_epoch_start(self) -> None:
+        """Keeps the statistics of the frozen parts, too, as they are."""
+        for part in self.frozen:
+            part.eval()
 
     def transfer_batch_to_device(self, batch: Batch, device: torch.device, dataloader_idx: int) -> Batch:
         """Moves the tensors; the polylines stay with the CPU's metrics."""
@@ -106,12 +130,7 @@ class TrainingModule(LightningModule):
         """Gives Adam or AdamW with warm-up and cosine schedule."""
         training = self.experiment.training
         optimizer_class = torch.optim.AdamW if training.optimizer == "adamw" else torch.optim.Adam
-        decayed = [p for p in self.network.parameters() if p.ndim > 1]
-        others = [p for p in self.network.parameters() if p.ndim <= 1]
-        groups = [
-            {"params": decayed, "weight_decay": training.weight_decay},
-            {"params": others, "weight_decay": 0.0},
-        ]
+        groups = self._parameter_groups()
         optimizer = optimizer_class(groups, lr=training.lr)
         schedule = torch.optim.lr_scheduler.LambdaLR(
             optimizer,
@@ -120,6 +139,23 @@ class TrainingModule(LightningModule):
             ),
         )
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def _parameter_groups(self) -> list[dict[str, Any]]:
+        """Gives what is learned: the backbone at its own rate, vectors (biases, statistics) without decay."""
+        training = self.experiment.training
+        groups = []
+        for backbone, decayed in itertools.product((True, False), repeat=2):
+            chosen = [
+                weights
+                for name, weights in self.network.named_parameters()
+                if weights.requires_grad
+                and name.startswith("backbone.") == backbone
+                and (weights.ndim > 1) == decayed
+            ]
+            decay = training.weight_decay if decayed else 0.0
+            lr = training.lr * (training.backbone_lr if backbone else 1.0)
+            groups.append({"params": chosen, "weight_decay": decay, "lr": lr})
+        return [group for group in groups if group["params"]]
 
     def _log_losses(self, phase: str, losses: Losses, batch_size: int) -> None:
         values = {f"{phase}/{name}": value.detach() for name, value in losses._asdict().items()}

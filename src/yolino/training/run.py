@@ -22,6 +22,7 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from torch.utils.data import DataLoader
 
 from yolino.config import Experiment, Source, load_experiment
+from yolino.datasets import Dataset
 from yolino.grid import Grid
 from yolino.io import write_atomic
 from yolino.model.checkpoint import load_checkpoint
@@ -37,8 +38,10 @@ from yolino.training.data import (
     describe,
 )
 from yolino.training.module import TrainingModule
+from yolino.training.windows import Windows
 
 logger = logging.getLogger(__name__)
+CACHE = "decoded"  # folder of the decoded images, which all experiments share
 
 
 def build_examples(
@@ -51,18 +54,16 @@ def build_examples(
     skip_broken: bool = False,
 ) -> Examples:
     """Gives the examples of the sources: mixed by weight for training, one after the other for validation."""
-    data = experiment.data
+    data, split = experiment.data, "train" if mixed else "val"
+    datasets: list[Dataset] = [
+        build_dataset(source, data.root, data.classes, split=split, skip_broken=skip_broken)
+        for source in sources
+    ]
+    if data.fit == "window":
+        cache = experiment.out / CACHE
+        datasets = [Windows(dataset, data.size, scale=data.scale, cache=cache) for dataset in datasets]
     return Examples(
-        [
-            build_dataset(
-                source,
-                data.root,
-                data.classes,
-                split="train" if mixed else "val",
-                skip_broken=skip_broken,
-            )
-            for source in sources
-        ],
+        datasets,
         [source.weight for source in sources] if mixed else None,
         augment,
         Grid(data.size, 32 >> experiment.model.upsample),
