@@ -5,10 +5,10 @@ import onnx
 import pytest
 import torch
 
-from yolino.export import export
+from yolino.export import compact_bytes, export
 from yolino.header import Header
 from yolino.inference.engines import OnnxEngine
-from yolino.model.checkpoint import save_checkpoint
+from yolino.model.checkpoint import load_checkpoint, save_checkpoint
 from yolino.model.engine import TorchEngine
 from yolino.model.network import Network
 from yolino.model.representations import REPRESENTATIONS
@@ -89,3 +89,27 @@ def test_the_first_convolution_divides_by_the_deviation(tmp_path, backbone):
     assert "Div" not in kinds[: kinds.index("Conv")]
     read = {name for node in graph.node for name in node.input}
     assert all(node.op_type != "Constant" or node.output[0] in read for node in graph.node)
+
+
+def test_a_compact_file_has_half_the_bytes_and_finds_the_same(tmp_path):
+    path = checkpoint(tmp_path, classes=("way", "link"))
+    whole, small = (export(path, out=tmp_path / f"{c}.onnx", compact=c) for c in (False, True))
+    weights = sum(p.numel() for p in load_checkpoint(path)[0].parameters())
+    assert whole.stat().st_size - small.stat().st_size > 1.0 * weights
+    images = np.random.default_rng(1).integers(0, 256, (1, 64, 96, 3), dtype=np.uint8)
+    ours, theirs = (OnnxEngine(file, device="cpu")(images) for file in (whole, small))
+    assert 0 < np.abs(ours.endpoints - theirs.endpoints).max() < 0.1
+    assert np.abs(ours.scores - theirs.scores).max() < 0.01
+    assert OnnxEngine(small).header == OnnxEngine(whole).header
+
+
+def test_weights_that_16_bits_cannot_hold_stay_as_they_are(tmp_path):
+    model = onnx.load_model_from_string(export(checkpoint(tmp_path)).read_bytes())
+    big = max(model.graph.initializer, key=lambda w: np.prod(w.dims))
+    values = onnx.numpy_helper.to_array(big).copy()
+    values.flat[0] = 1e5
+    big.CopyFrom(onnx.numpy_helper.from_array(values, big.name))
+    compact = onnx.load_model_from_string(compact_bytes(model.SerializeToString()))
+    kept = {w.name: onnx.numpy_helper.to_array(w) for w in compact.graph.initializer}
+    assert np.array_equal(kept[big.name], values)
+    assert any(w.dtype == np.float16 for w in kept.values())
