@@ -9,7 +9,17 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from yolino.types import Polylines, Segments
-from yolino.viz import HIT, PALETTE, draw_points, draw_polylines, draw_segments
+from yolino.viz import (
+    HIT,
+    PALETTE,
+    direction_colors,
+    draw_points,
+    draw_polylines,
+    draw_segments,
+    find_junctions,
+)
+from yolino.viz.colors import luminance
+from yolino.viz.strokes import arrow_axes
 
 
 def canvas(height: int = 120, width: int = 160, gray: int = 0) -> np.ndarray:
@@ -47,12 +57,30 @@ def test_a_line_is_drawn_where_it_is() -> None:
     assert not changed(canvas(), centered)[:, 145:].any()
 
 
-@pytest.mark.parametrize("gray", [0, 128, 255])
-def test_lines_show_on_any_background(gray: int) -> None:
-    drawn = draw_polylines(canvas(gray=gray), straight(), thickness=3).astype(int)
-    column = drawn[50:70, 60]
-    assert np.abs(column - np.array(PALETTE[0])).max(axis=1).min() < 10
-    assert column.sum(axis=1).min() < 3 * 60
+def noise(height: int = 120, width: int = 160) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 256, (height, width, 3)).astype(np.uint8)
+
+
+BACKGROUNDS = {"black": canvas(), "gray": canvas(gray=100), "white": canvas(gray=255), "noise": noise()}
+
+
+@pytest.mark.parametrize("background", BACKGROUNDS)
+@pytest.mark.parametrize("thickness", [1, 3, 9])
+@pytest.mark.parametrize("color_by", ["label", "score", "direction"])
+def test_lines_show_on_any_background(background: str, thickness: int, color_by: str) -> None:
+    """Across a line, the brightest pixel and the darkest differ, and one of them from what is around."""
+    image = BACKGROUNDS[background]
+    for k in range(12):
+        way, middle = 50 * np.array([np.cos(k * np.pi / 6), np.sin(k * np.pi / 6)]), np.array([80.5, 60.5])
+        line = Polylines.from_list([np.stack([middle - way, middle + way])], [k / 11], [k])
+        drawn = draw_polylines(image, line, color_by=color_by, arrows=False, thickness=thickness)
+        across = np.array([-way[1], way[0]]) / 50
+        at = middle + np.arange(-thickness, thickness + 0.1, 0.5)[:, None] * across
+        x, y = np.floor(at).astype(int).T
+        seen = luminance(drawn[y, x]) + 0.05
+        around = float(luminance(image).mean()) + 0.05
+        assert seen.max() / seen.min() > 2.5
+        assert max(seen.max() / around, around / seen.min()) > 2
 
 
 def test_arrow_heads_point_along_the_line() -> None:
@@ -70,10 +98,40 @@ def test_arrow_heads_point_along_the_line() -> None:
     np.testing.assert_array_equal(plain, draw_polylines(canvas(), straight(), arrows=False))
 
 
-def test_every_line_that_is_long_enough_has_a_head() -> None:
-    for length in (8.0, 20.0, 100.0):
-        line = Polylines.from_list([[[30.0, 60.0], [30.0 + length, 60.0]]])
-        assert (draw_polylines(canvas(), line) != draw_polylines(canvas(), line, arrows=False)).any()
+def head_pixels(length: float, thickness: int) -> int:
+    line = Polylines.from_list([[[30.0, 60.0], [30.0 + length, 60.0]]])
+    plain = draw_polylines(canvas(), line, arrows=False, thickness=thickness)
+    return int(changed(plain, draw_polylines(canvas(), line, thickness=thickness)).sum())
+
+
+def test_heads_are_no_longer_than_half_of_a_short_line_and_do_not_clutter_it() -> None:
+    """Thickness 3 has an outline to 5: no head below 5 px, so none on lines below 10 px."""
+    assert head_pixels(9.0, 3) == 0
+    assert 0 < head_pixels(12.0, 3) < head_pixels(30.0, 3) < head_pixels(100.0, 3)
+    assert head_pixels(7.0, 1) > 0
+    line = Polylines.from_list([[[30.0, 60.0], [60.0, 60.0]]])
+    heads = changed(
+        draw_polylines(canvas(), line, arrows=False, thickness=3), draw_polylines(canvas(), line, thickness=3)
+    )
+    columns = np.flatnonzero(heads.any(axis=0))
+    assert columns.max() - columns.min() + 1 <= 15 + 8  # half of it, and the outline of the head
+
+
+def test_heads_are_evenly_spaced_and_on_every_polyline() -> None:
+    """Thickness 1 has heads of 10 px, one every 120 px: tips at (k + .5)/3 * 350 + 10 of a line of 360."""
+    lines = Polylines.from_list([[[20.0, 30.0], [380.0, 30.0]], np.zeros((0, 2)), [[20.0, 80], [80, 80]]])
+    axes, rows = arrow_axes(lines, 1)
+    np.testing.assert_allclose(axes[:3, 1, 0], 20 + (np.arange(3) + 0.5) / 3 * 350 + 10)
+    np.testing.assert_allclose(axes[3], [[45.0, 80.0], [55.0, 80.0]])
+    np.testing.assert_array_equal(rows, [0, 0, 0, 1])
+    np.testing.assert_allclose(axes[:, 1] - axes[:, 0], [[10.0, 0.0]] * 4)
+
+
+def test_heads_follow_the_bends_of_a_polyline() -> None:
+    bent = Polylines.from_list([[[0.0, 0.0], [0.0, 0.0], [9.0, 0.0], [9.0, 11.0]]])
+    axes, rows = arrow_axes(bent, 1)
+    np.testing.assert_allclose(axes, [[[5.0, 0.0], [9.0, 6.0]]])
+    assert rows.tolist() == [2]
 
 
 def test_thickness_follows_the_image() -> None:
@@ -86,6 +144,51 @@ def test_thickness_follows_the_image() -> None:
     assert small <= 7
     assert small < hd <= 10
     assert 13 <= huge <= 24
+
+
+def test_many_lines_are_drawn_thinner() -> None:
+    """A square of 1800 px has lines of 6 px, 10 with the outline: sixty of them would cover a third."""
+    image = canvas(1800, 1800, 128)
+
+    def covered(count: int, **options: int) -> float:
+        lines = Polylines.from_list(
+            [[[0.0, y], [1800.0, y]] for y in (np.arange(count) + 0.5) * 1800 / count]
+        )
+        return float(changed(image, draw_polylines(image, lines, arrows=False, **options)).mean())
+
+    assert 10 <= covered(1) * 1800 <= 15
+    assert covered(60) < 0.6 * covered(60, thickness=6)
+
+
+def fork() -> Polylines:
+    """Two lines fork from a third at (60, 60); a fourth goes on where the third began."""
+    return Polylines.from_list(
+        [[[20, 60], [60, 60]], [[60, 60], [100, 30]], [[60, 60], [100, 90]], [[20, 20], [20, 60]]]
+    )
+
+
+def test_junctions_are_where_three_ways_of_several_lines_meet() -> None:
+    np.testing.assert_array_equal(find_junctions(fork()), [[60, 60]])
+    merged = Polylines.from_list([[[0, 0], [50, 0], [90, 0]], [[20, 30], [50, 0]]])
+    np.testing.assert_array_equal(find_junctions(merged), [[50, 0]])
+    eight = Polylines.from_list([[[0, 0], [5, 5], [10, 0], [5, 5], [0, 10]], np.zeros((0, 2)), [[7, 7]]])
+    assert len(find_junctions(eight)) == 0
+    assert find_junctions(Polylines.from_list([])).shape == (0, 2)
+
+
+def test_lines_upon_each_other_have_no_junctions_but_where_others_join() -> None:
+    way = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 5.0], [30.0, 5.0]])
+    assert len(find_junctions(Polylines.from_list([way, way[::-1]]))) == 0
+    joined = Polylines.from_list([way, way[::-1], [[10.0, 20.0], [20.0, 5.0]]])
+    np.testing.assert_array_equal(find_junctions(joined), [[20, 5]])
+
+
+def test_junctions_are_marked_if_asked() -> None:
+    plain = draw_polylines(canvas(), fork(), arrows=False)
+    marked = draw_polylines(canvas(), fork(), arrows=False, junctions=True)
+    y, x = np.nonzero(changed(plain, marked))
+    assert np.hypot(x + 0.5 - 60, y + 0.5 - 60).max() < 5
+    np.testing.assert_array_equal(marked[60, 60], [255, 255, 255])
 
 
 def test_the_best_score_lies_on_top() -> None:
@@ -112,7 +215,7 @@ def test_segments_show_their_direction_as_a_hue() -> None:
     segments = Segments(np.array([[[20.0, 30.5], [140, 30.5]], [[80.5, 110], [80.5, 60]]]))
     drawn = draw_segments(canvas(), segments, thickness=5)
     np.testing.assert_array_equal(drawn[30, 80], [255, 38, 38])
-    np.testing.assert_array_equal(drawn[80, 80], [147, 38, 255])
+    np.testing.assert_array_equal(drawn[80, 80], direction_colors(np.array([[0.0, -1.0]]))[0])
     assert (draw_segments(canvas(), segments, arrows=True) != draw_segments(canvas(), segments)).any()
 
 

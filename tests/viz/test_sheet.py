@@ -7,9 +7,7 @@ from yolino.viz import (
     FALSE_ALARM,
     HIT,
     MISS,
-    PALETTE,
     contact_sheet,
-    draw_legend,
     draw_matches,
     draw_regions,
 )
@@ -89,14 +87,3 @@ def test_regions_are_shaded_and_hatched_inside_only() -> None:
     assert len(np.unique(inside)) > 1  # stripes
     assert (image == 200).all()
     np.testing.assert_array_equal(draw_regions(image, []), image)
-
-
-def test_the_legend_has_a_line_per_class_in_its_color() -> None:
-    image = np.full((200, 300, 3), 128, np.uint8)
-    shown = draw_legend(image, ["solid", "dashed"])
-    changed = np.flatnonzero((shown != 128).any(axis=(1, 2)))
-    assert changed.max() == 199
-    assert changed.min() >= 150
-    upper, lower = shown[changed.min() : 180].reshape(-1, 3), shown[185:].reshape(-1, 3)
-    for part, color in ((upper, PALETTE[0]), (lower, PALETTE[1])):
-        assert np.abs(part.astype(int) - color).sum(axis=1).min() < 60

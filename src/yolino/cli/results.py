@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import UInt8
 
+from yolino.cli.views import find_view
 from yolino.datasets import WRITERS, Writer
 from yolino.datasets.convert import holds_labels
 from yolino.datasets.tusimple import Record, benchmark_rows, polylines_to_record, write_records
-from yolino.inference import Predictor
+from yolino.inference import Predictor, Stages
 from yolino.io import FORMATS, Result, read_image, write_atomic, write_image
 from yolino.types import Sample
-from yolino.viz import draw_polylines
 
 TUSIMPLE = "tusimple"
 SUBMISSION = "predictions.json"
@@ -38,13 +38,14 @@ class ResultWriter:
         out: The folder.
         format: A name in `FORMATS`: a file for each image; "tusimple": one file of JSON lines for all; or the
             name of another format of labels, for a person to correct.
-        pictures: Whether to write each image with its lines drawn.
+        pictures: Whether to write a picture of each image.
+        view: What it shows: a name in `yolino.cli.views.VIEWS`.
 
     Raises:
-        ValueError: If the format is unknown.
+        ValueError: If the format or the view is unknown.
     """
 
-    def __init__(self, out: Path, format: str, *, pictures: bool) -> None:
+    def __init__(self, out: Path, format: str, *, pictures: bool, view: str = "lines") -> None:
         known = [*FORMATS, TUSIMPLE, *(name for name in WRITERS if name not in (*FORMATS, TUSIMPLE))]
         if format not in known:
             raise ValueError(f"The format {format!r} is unknown; use one of {', '.join(known)}.")
@@ -55,6 +56,7 @@ class ResultWriter:
                 f"--out {out} holds labels already, which would be replaced: choose another folder."
             )
         self.out, self.format, self.pictures = out, format, pictures
+        self._draw = find_view(view)
         self._labels: Writer | None = None
 
     def refuse_overwriting(self, images: list[Path], names: list[str]) -> None:
@@ -68,7 +70,12 @@ class ResultWriter:
                 )
 
     def write(
-        self, predictor: Predictor, name: str, image: UInt8[np.ndarray, "h w 3"], result: Result
+        self,
+        predictor: Predictor,
+        name: str,
+        image: UInt8[np.ndarray, "h w 3"],
+        stages: Stages,
+        result: Result,
     ) -> None:
         """Writes the files of one image."""
         if self.format in FORMATS:
@@ -79,10 +86,7 @@ class ResultWriter:
                 self._labels = WRITERS[self.format](self.out, classes=result.classes, directed=directed)
             self._labels.add(_as_sample(name, result))
         if self.pictures:
-            color_by = "label" if len(result.classes) > 1 else "identity"
-            directed = predictor.header.directed
-            drawn = draw_polylines(image, result.polylines, color_by=color_by, directed=directed)
-            write_image(self._picture(name), drawn)
+            write_image(self._picture(name), self._draw(image, stages, predictor))
 
     def finish(self, found: list[Found]) -> None:
         """Writes the file of all images, where the format has one."""
@@ -108,12 +112,12 @@ def predict_one(predictor: Predictor, path: Path, name: str, writer: ResultWrite
             " ".join(str(error).split()) or f"{path} is too large for the memory."
         ) from error
     start = time.perf_counter()
-    polylines = predictor(image)
+    stages = predictor.stages(image)
     milliseconds = (time.perf_counter() - start) * 1e3
     size = (image.shape[0], image.shape[1])
     header = predictor.header
-    result = Result(path.as_posix(), size, polylines, header.classes, header.name)
-    writer.write(predictor, name, image, result)
+    result = Result(path.as_posix(), size, stages.polylines, header.classes, header.name)
+    writer.write(predictor, name, image, stages, result)
     return Found(name, path, result, milliseconds)
 
 

@@ -1,4 +1,4 @@
-"""Pictures that explain: what a metric counts, and many images on one sheet."""
+"""What a metric counts, where nothing is labelled, and many images on one sheet."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from jaxtyping import Float, UInt8
 from numpy.typing import NDArray
 
 from yolino.image import as_rgb
-from yolino.viz.colors import FALSE_ALARM, HIT, MISS, OUTLINE, Color, palette
-from yolino.viz.lines import Canvas, draw_points
+from yolino.viz.colors import FALSE_ALARM, HIT, MISS, Color
+from yolino.viz.lines import draw_points
+from yolino.viz.strokes import Canvas, image_edge
+from yolino.viz.text import draw_text, row_height
 
 _BACKGROUND = (32, 32, 32)
 _TITLE: Color = (255, 255, 255)
 _REGION: Color = (200, 200, 200)
 _GAP, _BAR = 4, 28
-_FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def draw_matches(
@@ -40,9 +41,9 @@ def draw_matches(
     canvas = as_rgb(image)
     for _, points, color in groups:
         canvas = draw_points(canvas, points, color)
-    left, height = 0, max(16, round(float(np.sqrt(canvas.shape[0] * canvas.shape[1])) / 30))
+    left, height = 0, row_height(canvas)
     for name, points, color in reversed(groups):
-        left += _draw_text(canvas, f"{name} {len(points)}", (left, 0), color, height)
+        left += draw_text(canvas, f"{name} {len(points)}", (left, 0), color, height)
     return canvas
 
 
@@ -54,7 +55,7 @@ def draw_regions(image: NDArray[np.generic], regions: Sequence[Float[np.ndarray,
         regions: Polygons in pixels of the image (even-odd rule).
     """
     canvas = as_rgb(image).copy()
-    thickness = max(1, round(float(np.sqrt(canvas.shape[0] * canvas.shape[1])) / 500))
+    thickness = max(1, round(image_edge(canvas) / 500))
     rows, columns = np.arange(canvas.shape[0])[:, None], np.arange(canvas.shape[1])
     stripes = ((rows + columns) // (4 * thickness)) % 3 == 0
     for region in regions:
@@ -65,17 +66,6 @@ def draw_regions(image: NDArray[np.generic], regions: Sequence[Float[np.ndarray,
         canvas[inside] = canvas[inside] // 2
         canvas[inside & stripes] = canvas[inside & stripes] // 2 + np.array(_REGION, np.uint8) // 2
         cv2.polylines(canvas, [corners], True, _REGION, thickness, cv2.LINE_AA, 4)
-    return canvas
-
-
-def draw_legend(image: NDArray[np.generic], names: Sequence[str]) -> Canvas:
-    """Gives the image with the names of the classes in its lower left corner, each in its color."""
-    canvas = as_rgb(image).copy()
-    height = max(16, round(float(np.sqrt(canvas.shape[0] * canvas.shape[1])) / 30))
-    colors = palette(np.arange(len(names)))
-    for i, name in enumerate(reversed(names)):
-        red, green, blue = map(int, colors[len(names) - 1 - i])
-        _draw_text(canvas, name, (0, canvas.shape[0] - (i + 1) * height), (red, green, blue), height)
     return canvas
 
 
@@ -103,14 +93,14 @@ def contact_sheet(
         )
     if titles and len(titles) != len(images):
         raise ValueError(f"{len(titles)} titles are given for {len(images)} images; give one each, or none.")
-    columns, bar = min(columns, len(images)), _BAR if titles else 0
+    columns, bar = min(columns, len(images)), max(_BAR, min(tile) // 18) if titles else 0
     height, width = tile[0] + bar + _GAP, tile[1] + _GAP
     size = (ceil(len(images) / columns) * height + _GAP, columns * width + _GAP, 3)
     sheet = np.full(size, _BACKGROUND, np.uint8)
     for i, image in enumerate(images):
         top, left = _GAP + i // columns * height, _GAP + i % columns * width
         if titles:
-            _draw_text(sheet[top : top + bar, left : left + tile[1]], titles[i], (0, 0), _TITLE, bar)
+            draw_text(sheet[top : top + bar, left : left + tile[1]], titles[i], (0, 0), _TITLE, bar)
         small = _fit_tile(as_rgb(image), tile)
         y, x = top + bar + (tile[0] - small.shape[0]) // 2, left + (tile[1] - small.shape[1]) // 2
         sheet[y : y + small.shape[0], x : x + small.shape[1]] = small
@@ -122,22 +112,3 @@ def _fit_tile(image: UInt8[np.ndarray, "h w 3"], tile: tuple[int, int]) -> UInt8
     size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
     interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, size, interpolation=interpolation), np.uint8)
-
-
-def _draw_text(canvas: Canvas, text: str, corner: tuple[int, int], color: Color, height: int) -> int:
-    """Writes a line on a dark box with the top left `corner` (x, y), cut to fit; gives its width."""
-    scale, margin = height / 44, height // 4
-    room = canvas.shape[1] - corner[0] - 2 * margin
-    shown = text
-    while shown and _text_width(shown, scale) > room:
-        text = text[1:]
-        shown = f"...{text}" if text else ""
-    width = _text_width(shown, scale) + 2 * margin
-    cv2.rectangle(canvas, corner, (corner[0] + width, corner[1] + height), OUTLINE, cv2.FILLED)
-    place = (corner[0] + margin, corner[1] + round(height * 0.7))
-    cv2.putText(canvas, shown, place, _FONT, scale, color, 1, cv2.LINE_AA)
-    return width
-
-
-def _text_width(text: str, scale: float) -> int:
-    return int(cv2.getTextSize(text, _FONT, scale, 1)[0][0])
