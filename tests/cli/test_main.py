@@ -121,7 +121,10 @@ def test_export_and_train_pass_on_what_they_are_told(
     assert code == 0
     assert "yolino export runs/x/best.safetensors" in out
     assert calls == [
-        ((Path("best.safetensors"),), {"format": "onnx", "out": Path("model.onnx"), "changes": []}),
+        (
+            (Path("best.safetensors"),),
+            {"format": "onnx", "out": Path("model.onnx"), "changes": [], "compact": False},
+        ),
         ((Path("config.yaml"), ["name=x", "training.steps=5"]), {"progress": False, "skip_broken": False}),
     ]
 

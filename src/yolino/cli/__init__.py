@@ -76,13 +76,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+_EXTRAS = {"rasterio": "geo", "pyogrio": "geo", "pyarrow": "geo", "skimage": "masks", "av": "video"}
+
+
 def _explain(error: BaseException) -> str:
     """Gives the sentence that a user reads: one line, with the file and what to do where that is known."""
     text = " ".join(str(error).split())
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{error.filename}: {error.strerror}."
     if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("yolino"):
-        extra = {"rasterio": "geo", "skimage": "masks", "pyarrow": "argoverse"}.get(error.name, "train")
+        extra = _EXTRAS.get(error.name, "train")
         return f"This needs the package {error.name}, which is not installed: pip install 'yolino[{extra}]'."
     if isinstance(error, MemoryError):
         return f"There is not enough memory. {text}".strip()
