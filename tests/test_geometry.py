@@ -115,6 +115,10 @@ def test_clip_polylines_splits_where_a_polyline_leaves_and_keeps_score_and_label
     ]
     assert found.labels.tolist() == [1, 1, 2]
     assert found.scores.tolist() == [0.5, 0.5, 0.9]
+    assert found.probabilities is None
+    shares = [[1.0, 0.0], [0.2, 0.8], [0.4, 0.6]]
+    known = Polylines(polylines.vertices, polylines.offsets, polylines.scores, polylines.labels, shares)
+    assert clip_polylines(known, SIZE).probabilities.tolist() == [shares[1], shares[1], shares[2]]
 
 
 def test_clip_polylines_drops_what_has_no_length_inside():

@@ -96,6 +96,19 @@ def test_polylines_can_be_reordered_and_repeated():
     assert [p.tolist() for p in polylines[np.array([1, 0, 1])]] == [[[2, 2]], [[0, 0], [1, 1]], [[2, 2]]]
 
 
+def test_polylines_may_have_class_probabilities():
+    lines = [[[0, 0], [1, 1]], [[2, 2], [3, 3]], []]
+    shares = [[0.1, 0.9], [0.8, 0.2], [0.5, 0.5]]
+    polylines = Polylines(np.ones((4, 2)), [0, 2, 4, 4], probabilities=shares)
+    assert polylines.labels.tolist() == [1, 0, 0]
+    assert polylines[np.array([1, 0])].probabilities.tolist() == [shares[1], shares[0]]
+    assert polylines[polylines.labels == 1].probabilities.tolist() == [shares[0]]
+    assert polylines.with_vertices(polylines.vertices + 1).probabilities.tolist() == shares
+    assert Polylines.from_list(lines).probabilities is None
+    with pytest.raises(ValueError, match="2 rows, but there are 3 polylines"):
+        Polylines(np.ones((4, 2)), [0, 2, 4, 4], probabilities=shares[:2])
+
+
 def test_no_polylines():
     empty = Polylines.from_list([])
     assert len(empty) == 0

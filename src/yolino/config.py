@@ -162,7 +162,7 @@ class Postprocess(Section):
 
     threshold: float | None = Field(None, ge=0, le=1)
     nms: dict[str, Any] = Field(default_factory=dict)
-    linker: str = "chain"
+    linker: str = "graph"
     linker_options: dict[str, Any] = Field(default_factory=dict)
 
 

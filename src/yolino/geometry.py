@@ -92,8 +92,8 @@ def clip_segments(
 def clip_polylines(polylines: Polylines, size: tuple[int, int]) -> Polylines:
     """Gives the parts of the polylines inside `[0, width] x [0, height]`, exactly cut at its border.
 
-    A polyline that leaves and returns becomes several, all with its score and label. What has no length
-    inside (single vertices, points that touch the border) is dropped.
+    A polyline that leaves and returns becomes several, all with its score, label and class probabilities.
+    What has no length inside (single vertices, points that touch the border) is dropped.
 
     Args:
         polylines: Polylines in pixels.
@@ -114,7 +114,14 @@ def clip_polylines(polylines: Polylines, size: tuple[int, int]) -> Polylines:
     rest[offsets[:-1]] = False
     vertices[rest] = pieces[:, 1]
     source = owners[first]
-    return Polylines(vertices, offsets, polylines.scores[source], polylines.labels[source])
+    shares = polylines.probabilities
+    return Polylines(
+        vertices,
+        offsets,
+        polylines.scores[source],
+        polylines.labels[source],
+        None if shares is None else shares[source],
+    )
 
 
 def follows(

@@ -44,6 +44,16 @@ def _per_item(
     return array
 
 
+def _shares(values: ArrayLike | None, n: int, items: str) -> Floats | None:
+    """Gives class probabilities as float64, or None where there are none."""
+    if values is None:
+        return None
+    shares = _floats(values, (-1, -1), "probabilities")
+    if len(shares) != n:
+        raise ValueError(f"probabilities has {len(shares)} rows, but there are {n} {items}.")
+    return shares
+
+
 @dataclass(frozen=True, eq=False, init=False)
 class Segments:
     """Directed line segments in image pixels: what crosses the seam between network and post-processing.
@@ -69,9 +79,7 @@ class Segments:
     ) -> None:
         points = _floats(endpoints, (-1, 2, 2), "endpoints")
         n = len(points)
-        shares = None if probabilities is None else _floats(probabilities, (-1, -1), "probabilities")
-        if shares is not None and len(shares) != n:
-            raise ValueError(f"probabilities has {len(shares)} rows, but there are {n} segments.")
+        shares = _shares(probabilities, n, "segments")
         if labels is None and shares is not None and shares.shape[1]:
             labels = shares.argmax(axis=1)
         object.__setattr__(self, "endpoints", points)
@@ -138,12 +146,14 @@ class Polylines:
         offsets: Where each polyline begins in `vertices`, and the end of the last.
         scores: Confidence of each polyline, 1 where none is given.
         labels: Class index of each polyline, 0 where none is given.
+        probabilities: Class probabilities of each polyline, or None where the source knows no classes.
     """
 
     vertices: Float[np.ndarray, "v 2"]
     offsets: Int[np.ndarray, " n_plus_1"]
     scores: Float[np.ndarray, " n"]
     labels: Int[np.ndarray, " n"]
+    probabilities: Float[np.ndarray, "n c"] | None
 
     def __init__(
         self,
@@ -151,6 +161,7 @@ class Polylines:
         offsets: ArrayLike = (0,),
         scores: ArrayLike | None = None,
         labels: ArrayLike | None = None,
+        probabilities: ArrayLike | None = None,
     ) -> None:
         points = _floats(vertices, (-1, 2), "vertices")
         bounds: Ints = np.asarray(offsets, dtype=np.int64)
@@ -159,10 +170,14 @@ class Polylines:
         if np.any(np.diff(bounds) < 0):
             raise ValueError(f"offsets must not decrease, got {bounds}.")
         n = len(bounds) - 1
+        shares = _shares(probabilities, n, "polylines")
+        if labels is None and shares is not None and shares.shape[1]:
+            labels = shares.argmax(axis=1)
         object.__setattr__(self, "vertices", points)
         object.__setattr__(self, "offsets", bounds)
         object.__setattr__(self, "scores", _per_item(scores, n, default=1, name="scores", dtype=np.float64))
         object.__setattr__(self, "labels", _per_item(labels, n, default=0, name="labels", dtype=np.int64))
+        object.__setattr__(self, "probabilities", shares)
 
     @classmethod
     def from_list(
@@ -186,7 +201,10 @@ class Polylines:
         sizes = np.diff(self.offsets)[chosen]
         offsets = np.concatenate([[0], np.cumsum(sizes)])
         rows = np.arange(offsets[-1]) + np.repeat(self.offsets[:-1][chosen] - offsets[:-1], sizes)
-        return Polylines(self.vertices[rows], offsets, self.scores[chosen], self.labels[chosen])
+        probabilities = None if self.probabilities is None else self.probabilities[chosen]
+        return Polylines(
+            self.vertices[rows], offsets, self.scores[chosen], self.labels[chosen], probabilities
+        )
 
     @property
     def owners(self) -> Int[np.ndarray, " m"]:

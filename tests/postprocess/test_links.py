@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -31,9 +32,15 @@ def cost(a: np.ndarray, b: np.ndarray) -> float:
     return abs(float(gap @ way)) + lateral_weight * lateral + turn_weight * (1 - cosine)
 
 
-def match_in_loops(nodes: np.ndarray, directed: bool) -> np.ndarray:
+def no_extra(i: int, j: int) -> float:
+    return 0.0
+
+
+def match_in_loops(
+    nodes: np.ndarray, directed: bool, extra: Callable[[int, int], float] = no_extra
+) -> np.ndarray:
     pairs = [
-        (cost(nodes[a], nodes[b]), a, b)
+        (cost(nodes[a], nodes[b]) + extra(a // 2, b // 2), a, b)
         for a in range(len(nodes))
         for b in range(a + 1, len(nodes))
         if a ^ b != 1 and not (directed and (a ^ b) % 2 == 0)
@@ -54,6 +61,28 @@ def test_matching_takes_the_cheapest_pair_left(seed: int, n: int, directed: bool
     nodes = segment_nodes(np.stack([starts, ends], axis=1))
     partners, _ = match_nodes(nodes, directed, RULE)
     np.testing.assert_array_equal(partners, match_in_loops(nodes, directed))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 10**6), st.integers(1, 40), st.booleans())
+def test_classes_and_scores_count_in_the_links_where_they_are_asked_to(
+    seed: int, n: int, directed: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    starts, angles = rng.uniform(0, 3, (n, 2)), rng.normal(0, 0.6, n)
+    ends = starts + np.stack([np.cos(angles), np.sin(angles)], axis=1) * rng.uniform(0.2, 1.4, (n, 1))
+    nodes = segment_nodes(np.stack([starts, ends], axis=1))
+    scores, votes = rng.random(n), rng.dirichlet(np.full(3, 0.3), n)
+    scores[0] = 0.0
+
+    def extra(i: int, j: int) -> float:
+        common = sum(min(p, q) for p, q in zip(votes[i], votes[j], strict=True))
+        best = max(scores[i], scores[j])
+        return 0.7 * (1 - common) + 0.4 * (1 - min(scores[i], scores[j]) / best if best else 0.0)
+
+    sources = (np.arange(2 * n) // 2, scores, votes)
+    partners, _ = match_nodes(nodes, directed, RULE, sources, (0.7, 0.4))
+    np.testing.assert_array_equal(partners, match_in_loops(nodes, directed, extra))
 
 
 def test_equal_costs_are_decided_by_the_nodes() -> None:

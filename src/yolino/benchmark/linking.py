@@ -12,7 +12,6 @@ from yolino.benchmark.measure import Measure, Section, Target, at_least, at_most
 from yolino.benchmark.scenes import SIZE, STRIDE, converging_lanes, noisy_candidates, true_segments
 from yolino.benchmark.setup import Setup
 from yolino.geometry import clip_polylines, distance_to_segments, sample_segments
-from yolino.inference.predictor import DEFAULT_LINKER
 from yolino.postprocess import LINKERS
 from yolino.postprocess.nms import NMS
 from yolino.types import Floats, Polylines, Segments
@@ -20,6 +19,7 @@ from yolino.types import Floats, Polylines, Segments
 _CANDIDATES = 500
 _SCENES = 50
 _TOLERANCE_CELLS = 0.25
+_FRONT_VIEW = "chain"  # the linker of the packaged model, for which the targets are
 ABOUT = (
     f"Linking and spline of what the NMS leaves of {_CANDIDATES} candidates. The other linker is plain "
     "Python: for each segment a loop over all others for the nearest start ahead, chains, scipy's "
@@ -62,8 +62,8 @@ def measure(setup: Setup) -> Section:
 
 
 def _target(name: str, target: Target) -> Target | None:
-    """Gives the target, for the linker that models use by default."""
-    return target if name == DEFAULT_LINKER else None
+    """Gives the target, for the linker of the packaged model."""
+    return target if name == _FRONT_VIEW else None
 
 
 def _bind(linker: Callable[[Segments], Polylines], segments: Segments) -> Callable[[], Polylines]:

@@ -39,6 +39,7 @@ SECTIONS: dict[str, Entry] = {
     "darknet19": Entry("The model beside Darknet-19", "darknet", needs=("torch", "onnx"), model=True),
     "nms": Entry("NMS beside scikit-learn", "nms"),
     "linking": Entry("Linking and spline", "linking"),
+    "linkers": Entry("What linkers make of segments", "linkers"),
     "discretize": Entry("Polylines to cells", "labels", "measure_discretize"),
     "points": Entry("Point metric beside a loop", "labels", "measure_points"),
     "matching": Entry("Matching beside loops", "training", "measure_matching", needs=("torch",)),

@@ -18,28 +18,29 @@ def find_originals(chains, endpoints, scores, directed, rule):
 
     A segment lies beside another if its middle is within `radius` of the other's line and within half a
     cell of the other's stretch of it, and their angle has at least `straight` as cosine. A chain lies
-    beside others if more than `share` of its length does. Strength is the sum of score times length. The
-    rule is `radius, straight, share`.
+    beside others if more than `share` of its length does, and no stretch of at least the length `core` does
+    not: that would be a way of its own. Strength is the sum of score times length. The rule is `radius,
+    straight, share, core`.
     """
     items, offsets = chains
-    radius, straight, share = rule
+    radius, straight, share, core = rule
     middles, ways, lengths = _measure(endpoints)
     owners, strengths, totals = _sum_up(items, offsets, lengths, scores)
-    longest = 0.0
+    largest = 0.0
     for length in lengths:
-        longest = max(longest, length)
-    _, order, keys, columns = sort_points(middles, radius + longest / 2 + 0.5)
+        largest = max(largest, length)
+    _, order, keys, columns = sort_points(middles, radius + largest / 2 + 0.5)
     runs = neighborhoods(keys, columns)
     places = np.empty(len(order), np.int64)
     for p in range(len(order)):
         places[order[p]] = p
     kept = np.zeros(len(totals), np.bool_)
     for c in sort_rows(-strengths.reshape(-1, 1)):
-        covered = 0.0
+        covered = stretch = longest = 0.0
         for p in range(offsets[c], offsets[c + 1]):
             i = items[p]
+            hit = False
             for row in range(3):
-                hit = False
                 for q in range(runs[places[i], row, 0], runs[places[i], row, 1]):
                     j = order[q]
                     if kept[owners[j]] and _beside(
@@ -48,9 +49,11 @@ def find_originals(chains, endpoints, scores, directed, rule):
                         hit = True
                         break
                 if hit:
-                    covered += lengths[i]
                     break
-        kept[c] = covered <= share * totals[c]
+            covered += lengths[i] if hit else 0.0
+            stretch = 0.0 if hit else stretch + lengths[i]
+            longest = max(longest, stretch)
+        kept[c] = covered <= share * totals[c] or longest >= core
     return kept
 
 

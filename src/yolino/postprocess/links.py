@@ -34,12 +34,20 @@ def segment_nodes(endpoints):
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def match_nodes(nodes, directed, rule):
+def match_nodes(nodes, directed, rule, sources=None, weights=None):
     """Gives the partner of each node, -1 for none, and the cost of that link.
 
     Of all links that the rule allows the cheapest is made first, then the cheapest between the nodes still
     free, and so on: every link is the best of both its nodes among what is left. Directed links lead from
     an end to a start.
+
+    Args:
+        nodes: Ends of items, see above.
+        directed: Whether directions count.
+        rule: See `_link_cost`.
+        sources: The segment of each node, and scores and votes of the segments; for the weights.
+        weights: What it costs if classes have nothing in common, and if the weaker score is nothing beside
+            the stronger; None where neither counts.
     """
     partners, costs = np.full(len(nodes), -1, np.int64), np.full(len(nodes), np.inf)
     if len(nodes) == 0:
@@ -52,7 +60,7 @@ def match_nodes(nodes, directed, rule):
     left = -1
     while len(order) != left:
         left = len(order)
-        _find_best(nodes, directed, rule, (order, windows(keys, columns)), (best, least))
+        _find_best(nodes, directed, rule, (order, windows(keys, columns)), (best, least), sources, weights)
         filled = 0
         for p in range(left):
             a = order[p]
@@ -67,7 +75,7 @@ def match_nodes(nodes, directed, rule):
 
 @njit(cache=True, error_model="numpy")
 @no_type_check
-def _find_best(nodes, directed, rule, cells, found):
+def _find_best(nodes, directed, rule, cells, found, sources, weights):  # noqa: PLR0917 (None is compiled in)
     """Writes the best partner (-1: none) of each node that is left to `best`, and its cost to `least`."""
     order, runs = cells
     best, least = found
@@ -82,6 +90,8 @@ def _find_best(nodes, directed, rule, cells, found):
                     continue
                 cost = _link_cost(nodes, a, b, rule)
                 if cost < np.inf:
+                    if weights is not None:
+                        cost += _unlikeness(sources, a, b, weights)
                     _prefer(best, least, a, b, cost)
                     _prefer(best, least, b, a, cost)
 
@@ -127,6 +137,20 @@ def _link_cost(nodes, a, b, rule):
     if lateral > beside + slope * gap:
         return np.inf
     return abs(along) + lateral_weight * lateral + turn_weight * (1 - cosine)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
+def _unlikeness(sources, a, b, weights):
+    """Gives what it costs that the segments of two nodes differ in class and score."""
+    owners, scores, votes = sources
+    i, j = owners[a], owners[b]
+    common = 0.0
+    for k in range(votes.shape[1]):
+        common += min(votes[i, k], votes[j, k])
+    weaker, stronger = min(scores[i], scores[j]), max(scores[i], scores[j])
+    loss = 1 - weaker / stronger if stronger > 0 else 0.0
+    return weights[0] * max(1 - common, 0.0) + weights[1] * loss
 
 
 @njit(cache=True, error_model="numpy")

@@ -28,7 +28,13 @@ def class_votes(
 
 
 def smooth_outlines(
-    outlines: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]],
+    outlines: tuple[
+        NDArray[np.float64],
+        NDArray[np.int64],
+        NDArray[np.float64],
+        NDArray[np.int64],
+        NDArray[np.float64] | None,
+    ],
     kept: NDArray[np.bool_],
     spline: SmoothingSpline,
     cell_size: float,
@@ -36,16 +42,17 @@ def smooth_outlines(
     """Gives the kept ones of `outline`'s polylines as smooth curves in pixels.
 
     Args:
-        outlines: Points in cell units, where the points of each polyline begin, and scores and labels of
-            polylines.
+        outlines: Points in cell units, where the points of each polyline begin, and scores, labels and
+            class probabilities (None: no classes) of polylines.
         kept: Whether each polyline is kept.
         spline: Gives the curve through points in cell units.
         cell_size: Side of a cell in pixels.
     """
-    points, offsets, scores, labels = outlines
+    points, offsets, scores, labels, shares = outlines
     chosen = np.flatnonzero(kept)
     curves, sizes = spline.smooth(points, offsets, chosen)
-    return Polylines(curves * cell_size, sizes, scores[chosen], labels[chosen])
+    probabilities = None if shares is None else shares[chosen]
+    return Polylines(curves * cell_size, sizes, scores[chosen], labels[chosen], probabilities)
 
 
 @njit(cache=True, error_model="numpy")
@@ -53,9 +60,9 @@ def smooth_outlines(
 def outline(chains, endpoints, scores, votes):
     """Gives the points of polylines: midpoints and both outer end points of each chain (paper, appendix).
 
-    Also: where the points of each begin, their length, the score and the column of `votes` that wins. The
-    score is the mean of the segments' scores by length, where gaps count as zero. Midpoints that do not lie
-    ahead are left out.
+    Also: where the points of each begin, their length, the score, the column of `votes` that wins, and the
+    mean of the votes by score and length. The score is the mean of the segments' scores by length, where gaps
+    count as zero. Midpoints that do not lie ahead are left out.
 
     Args:
         chains: Offsets of the chains in the other arrays, and whether each is a ring.
@@ -67,6 +74,7 @@ def outline(chains, endpoints, scores, votes):
     count = len(offsets) - 1
     points, starts = np.empty((len(endpoints) + 2 * count, 2)), np.zeros(count + 1, np.int64)
     arcs, means, winners = np.zeros(count), np.zeros(count), np.zeros(count, np.int64)
+    shares = np.zeros((count, votes.shape[1]))
     filled = 0
     for c in range(count):
         first, stop = offsets[c], offsets[c + 1]
@@ -76,7 +84,7 @@ def outline(chains, endpoints, scores, votes):
             arcs[c] += np.sqrt(
                 (points[p, 0] - points[p - 1, 0]) ** 2 + (points[p, 1] - points[p - 1, 1]) ** 2
             )
-        total, shares = 0.0, np.zeros(votes.shape[1])
+        total = 0.0
         for p in range(first, stop):
             length = np.sqrt(
                 (endpoints[p, 1, 0] - endpoints[p, 0, 0]) ** 2
@@ -85,12 +93,15 @@ def outline(chains, endpoints, scores, votes):
             total += length
             means[c] += scores[p] * length
             for k in range(votes.shape[1]):
-                shares[k] += scores[p] * length * votes[p, k]
+                shares[c, k] += scores[p] * length * votes[p, k]
+        weight = means[c]
         means[c] /= max(total, arcs[c])
         for k in range(votes.shape[1]):
-            if shares[k] > shares[winners[c]]:
+            if shares[c, k] > shares[c, winners[c]]:
                 winners[c] = k
-    return points[:filled], starts, arcs, means, winners
+        for k in range(votes.shape[1]):
+            shares[c, k] = shares[c, k] / weight if weight > 0 else 1 / votes.shape[1]
+    return points[:filled], starts, arcs, means, winners, shares
 
 
 @njit(cache=True, error_model="numpy")

@@ -110,15 +110,18 @@ class TreeLinker:
         if downward:
             segments = segments[upwards]
         if len(segments) == 0:
-            return Polylines(np.zeros((0, 2)), np.zeros(1, np.int64)), LinkCounts(downward, 0, 0, 0)
+            none = Polylines(np.zeros((0, 2)), probabilities=segments.probabilities)
+            return none, LinkCounts(downward, 0, 0, 0)
         endpoints, scores, labels, probabilities = segment_arrays(segments)
         names, votes = class_votes(labels, probabilities)
-        (points, starts, lengths, means, winners), sizes, cycles, branches = _link(
+        (points, starts, lengths, means, winners, shares), sizes, cycles, branches = _link(
             (endpoints / self._cell_size, scores, labels, votes), self._radii, self._lowest
         )
         levels, length, score = self._least
         kept = (sizes >= levels) & (lengths > 0) & (lengths >= length) & (means >= score)
-        lines = smooth_outlines((points, starts, means, names[winners]), kept, self._spline, self._cell_size)
+        classes = None if segments.probabilities is None else shares
+        outlines = (points, starts, means, names[winners], classes)
+        lines = smooth_outlines(outlines, kept, self._spline, self._cell_size)
         return lines, LinkCounts(downward, cycles, branches, len(kept) - len(lines))
 
 
