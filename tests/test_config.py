@@ -44,7 +44,10 @@ def test_values_defaults_and_overrides(file):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("training.learning_rate=1", "unknown key 'training.learning_rate'.*Allowed here: freeze, start_from,"),
+        (
+            "training.learning_rate=1",
+            "unknown key 'training.learning_rate'.*Allowed here: freeze, start_from,",
+        ),
         ("training.step=1", "did you mean 'steps'"),
         ("model.predictor=1", "did you mean 'predictors'"),
         ("data.train.0.datset=tusimple", "did you mean 'dataset'"),

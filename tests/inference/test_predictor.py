@@ -175,7 +175,7 @@ def test_the_packaged_model_has_a_path_and_a_header() -> None:
     [
         ({"linker": "magic"}, r"linker 'magic' is unknown; known are .*chain.*yolino\.load\(model, linker"),
         ({"linker": "os:system"}, "is unknown"),
-        ({"linker_options": {"colour": 1}}, "linker_options do not fit the linker 'chain'.*colour"),
+        ({"linker_options": {"colour": 1}}, "linker_options do not fit the linker 'graph'.*colour"),
         ({"nms": {"epsilom": 1}}, "nms does not fit NMS.*epsilom"),
     ],
 )

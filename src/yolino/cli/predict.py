@@ -1,7 +1,8 @@
-"""`yolino predict`: images in, polylines as JSON and pictures out."""
+"""`yolino predict`: images, videos, or one whole scene, in; polylines out, as files and pictures."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,14 @@ EPILOG = """
 - `yolino predict clips/ --format tusimple` writes predictions.json as the TuSimple benchmark wants it
 
 - `yolino predict photos/ --format cvat` writes annotations.xml, for a person to correct in the labeling tool
+
+- `yolino predict photo.jpg --view stages` shows what each step of the post-processing makes of it
+
+- `yolino predict drive.mp4 --out out.mp4` draws the lines into a video; a folder gets JSON lines, too
+
+- `yolino predict camera:0 --smooth` goes on until Ctrl-C, with steady lines
+
+- `yolino predict scene.tif --model aerial.onnx --out lanes.gpkg` goes over a scene of any size, for a GIS
 """
 
 
@@ -29,14 +38,23 @@ def add_to(app: typer.Typer) -> None:
 
 def predict(
     sources: Annotated[
-        list[str], typer.Argument(metavar="SOURCE", help="Images, folders, or globs in quotation marks.")
+        list[str],
+        typer.Argument(
+            metavar="SOURCE", help="Images, folders, globs in quotation marks, videos, camera:0, rtsp://..."
+        ),
     ],
     *,
     model: Model = "default",
     threshold: Threshold = None,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")] = Path(
-        "yolino-out"
-    ),
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR|FILE",
+            help="Folder for the results; of a whole scene one .gpkg, .geojson, .parquet or .json file.",
+        ),
+    ] = Path("yolino-out"),
     format: Annotated[
         str,
         typer.Option("--format", "-f", metavar="NAME", help="json, tusimple, cvat, geojson, ..."),
@@ -45,14 +63,99 @@ def predict(
     images: Annotated[
         bool, typer.Option("--images/--no-images", help="Whether to write pictures with the lines drawn.")
     ] = True,
+    view: Annotated[
+        str,
+        typer.Option(
+            "--view",
+            metavar="NAME",
+            help="Pictures of: lines, orientation, identity, classes, score, cells, segments or stages.",
+        ),
+    ] = "lines",
+    overlap: Annotated[
+        int | None,
+        typer.Option(
+            "--overlap", metavar="PIXELS", help="Scene: what windows share, in pixels of the network."
+        ),
+    ] = None,
+    bands: Annotated[
+        str | None, typer.Option("--bands", metavar="R,G,B", help="Scene: bands to see, like 3,2,1.")
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(
+            "--scale",
+            metavar="FACTOR",
+            help="Scene: pixels of the network per pixel.",
+            show_default="the model's",
+        ),
+    ] = None,
+    follow: Annotated[
+        bool | None,
+        typer.Option(
+            "--track/--no-track", help="Video: whether lines keep an identity.", show_default="track"
+        ),
+    ] = None,
+    smooth: Annotated[
+        bool | None,
+        typer.Option(
+            "--smooth/--no-smooth", help="Video: steady the lines over time.", show_default="no-smooth"
+        ),
+    ] = None,
+    frames: Annotated[
+        int | None, typer.Option("--frames", metavar="N", min=1, help="Video: stop after so many frames.")
+    ] = None,
 ) -> None:
-    """Find the polylines in images; write a JSON file and a picture for each."""
+    """Find the polylines in images; write a JSON file and a picture for each, or one file for a scene."""
+    from yolino.cli.scenes import Scene, is_scene, predict_scene
+    from yolino.cli.video import Video, are_videos, predict_videos
+
+    scene = Scene(overlap=overlap, bands=bands, scale=scale)
+    video = Video(follow, smooth, frames)
+    if are_videos(sources, video):
+        is_scene(Path(), scene)  # which tells that its options are not for videos
+        return predict_videos(
+            sources,
+            out,
+            video,
+            model=model,
+            threshold=threshold,
+            device=device,
+            pictures=images,
+            format=format,
+            view=view,
+        )
+    if is_scene(out, scene, format):
+        return predict_scene(sources, out, scene, model=model, threshold=threshold, device=device)
+    return _predict_images(
+        sources,
+        model=model,
+        threshold=threshold,
+        out=out,
+        format=format,
+        device=device,
+        pictures=images,
+        view=view,
+    )
+
+
+def _predict_images(
+    sources: Sequence[str],
+    *,
+    model: str,
+    threshold: float | None,
+    out: Path,
+    format: str,
+    device: str,
+    pictures: bool,
+    view: str,
+) -> None:
+    """Finds the polylines in images; writes their results into a folder."""
     from yolino.cli.results import Found, ResultWriter, UnreadableError, predict_one, rows, summary
     from yolino.cli.screen import busy, print_table, report_problems, track
     from yolino.cli.sources import find_images, result_names
     from yolino.inference import load
 
-    writer = ResultWriter(out, format, pictures=images)
+    writer = ResultWriter(out, format, pictures=pictures, view=view)
     paths, problems = find_images(sources, excluded=out)
     names = result_names(paths)
     writer.refuse_overwriting(paths, names)

@@ -8,13 +8,22 @@ from pathlib import Path
 from typing import NamedTuple, overload
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from yolino.geometry import transform_points
 from yolino.header import Header
 from yolino.inference.engines import ENGINES, Engine, open_engine
 from yolino.inference.preprocess import Preprocess
+from yolino.inference.views import ImageRaster, Pixels, view
+from yolino.inference.windows import (
+    Window,
+    WindowPlan,
+    drop_invalid,
+    join_segments,
+    owned_predictors,
+    plan_windows,
+)
 from yolino.types import Output, Polylines, Segments
 
 Suppressor = Callable[[Segments], Segments]
@@ -22,7 +31,9 @@ Linker = Callable[[Segments], Polylines]
 Image = NDArray[np.generic]
 
 DEFAULT_THRESHOLD = 0.5
-DEFAULT_LINKER = "chain"
+DEFAULT_LINKER = "graph"
+_UNWANTED = np.float32(-1)  # below every threshold
+_BATCH_PIXELS = 2**20  # of windows in one run: more is not faster, but takes memory
 
 
 class Stages(NamedTuple):
@@ -42,7 +53,9 @@ class Stages(NamedTuple):
 class Predictor:
     """Detects polylines with a loaded network.
 
-    Post-processing happens in the frame of the network, so its parameters hold at every image size.
+    Post-processing happens in the frame of the network, so its parameters hold at every image size. A model
+    whose fit is "window" goes over each image in windows; their segments are joined before one NMS and one
+    linking, in the frame of the whole image at the network's scale.
 
     Args:
         engine: Loaded network.
@@ -50,7 +63,8 @@ class Predictor:
         threshold: Lowest score of a segment, 0..1; the header's by default.
         nms: Merges segments; by default the header's `NMS`.
         linker: Joins segments to polylines; by default the header's.
-        batch_size: Images per run of the network when several are given.
+        batch_size: Images per run of the network when several are given; of large windows there are fewer.
+        overlap: What neighboring windows share, in pixels of the network (see `plan_windows`).
 
     Raises:
         ValueError: If an argument, or what the header says about the post-processing, is not allowed.
@@ -65,6 +79,7 @@ class Predictor:
         nms: Suppressor | None = None,
         linker: Linker | None = None,
         batch_size: int = 4,
+        overlap: int | None = None,
     ) -> None:
         header = engine.header if header is None else header
         threshold = header.postprocess.get("threshold", DEFAULT_THRESHOLD) if threshold is None else threshold
@@ -75,6 +90,9 @@ class Predictor:
         self.engine, self.header, self.batch_size = engine, header, batch_size
         self.threshold = float(threshold)
         self.preprocess = Preprocess(header.size, header.fit)
+        self.overlap = overlap
+        if header.fit == "window":
+            self.plan(header.size)  # says now what is wrong with the overlap
         self.nms = build_nms(header) if nms is None else nms
         self.linker = build_linker(header) if linker is None else linker
 
@@ -122,19 +140,92 @@ class Predictor:
         steps = np.linspace(0.0, 1.0, 9)[:, None] * (0.0, -height) + (width / 2, height)
         self.linker(self.nms(Segments(np.repeat(np.stack([steps[:-1], steps[1:]], axis=1), 2, axis=0))))
 
+    @property
+    def windows_per_run(self) -> int:
+        """Number of windows that the network sees in one run."""
+        height, width = self.header.size
+        return max(min(self.batch_size, _BATCH_PIXELS // (height * width)), 1)
+
+    def plan(self, size: tuple[int, int]) -> WindowPlan:
+        """Gives the windows over a scene of `size` (height, width) in its pixels."""
+        return plan_windows(size, self.header, overlap=self.overlap)
+
+    def detect_windows(self, views: Sequence[Pixels], windows: Sequence[Window]) -> list[Segments]:
+        """Gives the segments that each window answers for, above the threshold, from one run of the network.
+
+        Args:
+            views: What the windows show.
+            windows: Where they lie.
+
+        Returns:
+            For each window its segments, in pixels of the network's input counted from the corner of the
+            scene. Those whose midpoint lies where the scene has no valid pixel are dropped.
+
+        Raises:
+            ValueError: If the network does not give what its header says.
+        """
+        output = self.engine(np.stack([each.rgb for each in views]))
+        found = []
+        for i, (each, window) in enumerate(zip(views, windows, strict=True)):
+            owned = owned_predictors(window, self.header)
+            if len(owned) != output.scores.shape[1]:
+                raise ValueError(
+                    f"The network gives {output.scores.shape[1]} segments, but its header says {len(owned)}: "
+                    f"{self.header.predictors} in each cell of {self.header.stride} pixels."
+                )
+            corner = np.array([window.left, window.top], np.float64)
+            segments = drop_invalid(_above(output, i, self.threshold, owned), each.valid)
+            found.append(segments.with_endpoints(segments.endpoints + corner))
+        return found
+
+    def link(self, parts: Sequence[Segments], size: tuple[int, int]) -> Polylines:
+        """Gives the polylines of a scene in its pixels: one NMS and one linking over all windows.
+
+        Args:
+            parts: What `detect_windows` gave, in any order.
+            size: `(height, width)` of the scene in its pixels.
+        """
+        joined = join_segments(parts, size, self.header)
+        return _map_polylines(self.linker(self.nms(joined)), self._to_scene())
+
+    def _to_scene(self) -> Float[np.ndarray, "3 3"]:
+        """Gives the matrix from the network's pixels, counted from a scene's corner, to the scene's."""
+        return np.diag([1 / self.header.scale, 1 / self.header.scale, 1.0])
+
     def _detect(self, images: list[Image]) -> list[tuple[Segments, Float[np.ndarray, "3 3"]]]:
         """Gives the segments above the threshold in the network's frame, and each image's matrix back."""
+        if self.header.fit == "window":
+            return self._scan(images)
         inputs, matrices = zip(*(self.preprocess(image) for image in images), strict=True)
         output = self.engine(np.stack(inputs))
         return [(_above(output, i, self.threshold), matrix) for i, matrix in enumerate(matrices)]
 
+    def _scan(self, images: list[Image]) -> list[tuple[Segments, Float[np.ndarray, "3 3"]]]:
+        """Does what `_detect` does with windows; a batch may hold windows of several images."""
+        rasters = [ImageRaster(image) for image in images]
+        jobs = [(i, window) for i, raster in enumerate(rasters) for window in self.plan(raster.size)]
+        parts: list[list[Segments]] = [[] for _ in images]
+        size, scale = self.header.size, self.header.scale
+        for start in range(0, len(jobs), self.windows_per_run):
+            owners, windows = zip(*jobs[start : start + self.windows_per_run], strict=True)
+            views = [view(rasters[i], window, size, scale) for i, window in zip(owners, windows, strict=True)]
+            for i, found in zip(owners, self.detect_windows(views, windows), strict=True):
+                parts[i].append(found)
+        return [
+            (join_segments(found, raster.size, self.header), self._to_scene())
+            for found, raster in zip(parts, rasters, strict=True)
+        ]
 
-def _above(output: Output, index: int, threshold: float) -> Segments:
-    """Gives the segments of image `index` with at least the threshold."""
+
+def _above(
+    output: Output, index: int, threshold: float, wanted: Bool[np.ndarray, " n"] | None = None
+) -> Segments:
+    """Gives the segments of image `index` with at least the threshold, of the wanted predictors."""
     from yolino.postprocess.thresholding import segments_above
 
     shares = None if output.probabilities is None else output.probabilities[index]
-    return segments_above(output.endpoints[index], output.scores[index], shares, threshold)
+    scores = output.scores[index] if wanted is None else np.where(wanted, output.scores[index], _UNWANTED)
+    return segments_above(output.endpoints[index], scores, shares, threshold)
 
 
 def _map_segments(segments: Segments, matrix: Float[np.ndarray, "3 3"]) -> Segments:
