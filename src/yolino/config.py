@@ -156,12 +156,15 @@ class Postprocess(Section):
     Attributes:
         threshold: Smallest score of a segment; none takes the one with the best F1 in validation.
         nms: Arguments of `NMS`.
+        rotations: For the fit `window`: how many views of a window the network sees, turned by a half (2) or
+            by quarters (4). It takes as many times longer, and finds a little more.
         linker: Name in `LINKERS`.
         linker_options: Arguments of the linker.
     """
 
     threshold: float | None = Field(None, ge=0, le=1)
     nms: dict[str, Any] = Field(default_factory=dict)
+    rotations: Literal[1, 2, 4] = 1
     linker: str = "graph"
     linker_options: dict[str, Any] = Field(default_factory=dict)
 

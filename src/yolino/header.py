@@ -31,8 +31,9 @@ class Header:
         scale: Pixels of the network's input per pixel of the image, for the fit "window".
         licence: Licence of the training data, and thereby of the weights.
         data: What the model was trained on.
-        postprocess: `threshold` (a score), `nms` (arguments of `NMS`), `linker` (a name in `LINKERS`) and
-            `linker_options` (its arguments). What is absent has the constructor's default.
+        postprocess: `threshold` (a score), `nms` (arguments of `NMS`), `linker` (a name in `LINKERS`),
+            `linker_options` (its arguments) and `rotations` (1, 2 or 4: how many turned views of a window the
+            network sees). What is absent has the constructor's default.
         metrics: Validation numbers.
         commit: Git commit of the code that trained the model.
     """
@@ -124,6 +125,10 @@ def _is_count(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value > 0
 
 
+def _is_rotations(value: object) -> bool:
+    return value in (1, 2, 4) and _is_count(value)
+
+
 def _is_scale(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 16
 
@@ -151,6 +156,7 @@ _TYPES: _Checks = {
     "metrics": _OBJECT,
 }
 _POSTPROCESS: _Checks = {
+    "rotations": (_is_rotations, "1, 2 or 4"),
     "threshold": (_is_score, "a number from 0 to 1"),
     "nms": _OBJECT,
     "linker": _TEXT,

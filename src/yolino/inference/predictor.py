@@ -15,6 +15,7 @@ from yolino.geometry import transform_points
 from yolino.header import Header
 from yolino.inference.engines import ENGINES, Engine, open_engine
 from yolino.inference.preprocess import Preprocess
+from yolino.inference.rotations import QUARTERS, join_views, turn, turn_back, turn_predictors
 from yolino.inference.views import ImageRaster, Pixels, view
 from yolino.inference.windows import (
     Window,
@@ -91,6 +92,7 @@ class Predictor:
         self.threshold = float(threshold)
         self.preprocess = Preprocess(header.size, header.fit)
         self.overlap = overlap
+        self.quarters = build_quarters(header)
         if header.fit == "window":
             self.plan(header.size)  # says now what is wrong with the overlap
         self.nms = build_nms(header) if nms is None else nms
@@ -151,7 +153,9 @@ class Predictor:
         return plan_windows(size, self.header, overlap=self.overlap)
 
     def detect_windows(self, views: Sequence[Pixels], windows: Sequence[Window]) -> list[Segments]:
-        """Gives the segments that each window answers for, above the threshold, from one run of the network.
+        """Gives the segments that each window answers for, above the threshold.
+
+        The network runs once for each of the model's rotations.
 
         Args:
             views: What the windows show.
@@ -164,17 +168,27 @@ class Predictor:
         Raises:
             ValueError: If the network does not give what its header says.
         """
-        output = self.engine(np.stack([each.rgb for each in views]))
-        found = []
+        turned = [self._detect_turned(views, windows, quarters) for quarters in self.quarters]
+        return [join_views(parts) for parts in zip(*turned, strict=True)]
+
+    def _detect_turned(
+        self, views: Sequence[Pixels], windows: Sequence[Window], quarters: int
+    ) -> list[Segments]:
+        """Gives what `detect_windows` gives from windows that are turned by quarters."""
+        output = self.engine(np.stack([turn(each.rgb, quarters) for each in views]))
+        found, size = [], self.header.size
+        grid = (size[0] // self.header.stride, size[1] // self.header.stride)
         for i, (each, window) in enumerate(zip(views, windows, strict=True)):
-            owned = owned_predictors(window, self.header)
+            owned = turn_predictors(owned_predictors(window, self.header), grid, quarters)
             if len(owned) != output.scores.shape[1]:
                 raise ValueError(
                     f"The network gives {output.scores.shape[1]} segments, but its header says {len(owned)}: "
                     f"{self.header.predictors} in each cell of {self.header.stride} pixels."
                 )
+            segments = _above(output, i, self.threshold, owned)
+            segments = segments.with_endpoints(turn_back(segments.endpoints, size, quarters))
+            segments = drop_invalid(segments, each.valid)
             corner = np.array([window.left, window.top], np.float64)
-            segments = drop_invalid(_above(output, i, self.threshold, owned), each.valid)
             found.append(segments.with_endpoints(segments.endpoints + corner))
         return found
 
@@ -234,6 +248,20 @@ def _map_segments(segments: Segments, matrix: Float[np.ndarray, "3 3"]) -> Segme
 
 def _map_polylines(polylines: Polylines, matrix: Float[np.ndarray, "3 3"]) -> Polylines:
     return polylines.with_vertices(transform_points(polylines.vertices, matrix))
+
+
+def build_quarters(header: Header) -> tuple[int, ...]:
+    """Gives how far each view of a window is turned, in quarters.
+
+    Raises:
+        ValueError: The model does not see windows, or they are no squares and cannot be turned by a quarter.
+    """
+    rotations = header.postprocess.get("rotations", 1)
+    if rotations > 1 and header.fit != "window":
+        raise ValueError(f"The header's rotations are {rotations}, but only windows are turned.")
+    if rotations == 4 and header.size[0] != header.size[1]:
+        raise ValueError(f"The header's rotations are 4, but windows of {header.size} are no squares: use 2.")
+    return QUARTERS[rotations]
 
 
 def build_nms(header: Header) -> Suppressor:
