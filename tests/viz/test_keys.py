@@ -45,7 +45,7 @@ def test_more_classes_than_colors_or_rows_are_named_in_columns(count: int) -> No
 
 
 def test_what_finds_no_place_is_counted() -> None:
-    image = np.full((60, 100, 3), 128, np.uint8)
+    image = np.full((60, 300, 3), 128, np.uint8)
     shown = draw_legend(image, [f"class {i}" for i in range(64)])
     assert shown.shape == image.shape
     assert (shown[0] != 128).any()
@@ -81,6 +81,19 @@ def test_keys_can_be_drawn_on_any_image(size: tuple[int, int]) -> None:
         assert drawn.shape == (*size, 3)
         assert drawn.dtype == np.uint8
     assert (image == 7).all()
+
+
+def test_keys_that_would_cover_more_than_a_quarter_are_left_out() -> None:
+    """The smallest wheel has 24 px: on 47 px it would cover 26 %, on 48 px it covers 25 %."""
+    tiny = np.full((47, 47, 3), 7, np.uint8)
+    for drawn in (draw_wheel(tiny), draw_scale(tiny), draw_legend(tiny, ["one", "two", "three"])):
+        np.testing.assert_array_equal(drawn, tiny)
+    assert (draw_wheel(np.full((48, 48, 3), 7, np.uint8)) != 7).any()
+    for edge in range(40, 400, 30):
+        image = np.full((edge, edge, 3), 7, np.uint8)
+        names = [f"class {i}" for i in range(20)]
+        for drawn in (draw_wheel(image), draw_scale(image), draw_legend(image, names)):
+            assert (drawn != 7).any(axis=2).mean() <= 0.27  # "+ 3 more" lies beside the columns
 
 
 def test_text_is_cut_to_the_room_there_is_and_grows_with_its_height() -> None:

@@ -19,7 +19,7 @@ from yolino.viz import (
     find_junctions,
 )
 from yolino.viz.colors import luminance
-from yolino.viz.strokes import arrow_axes
+from yolino.viz.heads import arrow_axes
 
 
 def canvas(height: int = 120, width: int = 160, gray: int = 0) -> np.ndarray:

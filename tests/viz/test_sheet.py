@@ -72,6 +72,48 @@ def test_hits_false_alarms_and_misses_have_their_colors() -> None:
     assert (nothing[100:] == 90).all()
 
 
+def row(y: float, count: int = 300, step: float = 1.0) -> np.ndarray:
+    return np.stack([100.5 + step * np.arange(count), np.full(count, y)], axis=1)
+
+
+NONE = np.zeros((0, 2))
+
+
+@pytest.mark.parametrize(("size", "most"), [((720, 1280), 6), ((2160, 3840), 11), ((4096, 4096), 11)])
+def test_samples_of_lines_are_drawn_as_thin_lines(size: tuple[int, int], most: int) -> None:
+    """Also the outline is no wider than a lane of 28 px on a tile of 4096 px is far from the next."""
+    drawn = draw_matches(plain(*size, 90), hits=row(300.5), false_alarms=NONE, misses=NONE)
+    seen = (drawn[250:350, 250] != 90).any(axis=1).sum()
+    assert 3 <= seen <= most
+    np.testing.assert_array_equal(drawn[300, 250], HIT)
+    sparse = draw_matches(plain(*size, 90), hits=row(300.5, 10, 60.0), false_alarms=NONE, misses=NONE)
+    assert (sparse[250:350, 160] != 90).any(axis=1).sum() > seen
+
+
+def test_no_dot_is_wider_than_a_quarter_of_what_the_metric_looks_at() -> None:
+    def seen(reach: float | None) -> int:
+        points = row(300.5)
+        drawn = draw_matches(plain(4096, 4096, 90), hits=points, false_alarms=NONE, misses=NONE, reach=reach)
+        return int((drawn[250:350, 250] != 90).any(axis=1).sum())
+
+    assert seen(8.0) < seen(1000.0) == seen(None)
+
+
+def test_misses_and_false_alarms_lie_on_hits_and_no_outline_hides_a_color() -> None:
+    image = plain(4096, 4096, 90)
+    drawn = draw_matches(image, hits=row(300.5), false_alarms=row(300.5, 200), misses=row(300.5, 100))
+    for x, color in ((150, MISS), (250, FALSE_ALARM), (350, HIT)):
+        np.testing.assert_array_equal(drawn[300, x], color)
+    beside = draw_matches(image, hits=row(300.5), false_alarms=row(307.5), misses=row(314.5))
+    for y, color in ((300, HIT), (307, FALSE_ALARM), (314, MISS)):
+        assert (beside[y - 1 : y + 2, 250] == color).all()
+
+
+def test_the_counts_are_left_out_where_they_would_cover_a_quarter() -> None:
+    image = plain(30, 60, 90)
+    np.testing.assert_array_equal(draw_matches(image, hits=NONE, false_alarms=NONE, misses=NONE), image)
+
+
 @pytest.mark.parametrize("size", [(1, 1), (8, 2000), (2000, 8)])
 def test_the_key_fits_into_any_image(size: tuple[int, int]) -> None:
     points = np.array([[0.5, 0.5]])

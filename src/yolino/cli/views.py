@@ -1,4 +1,7 @@
-"""What the pictures of `yolino predict` show: a function for each `--view`."""
+"""What the pictures of `yolino predict` show: a function for each `--view`.
+
+Tiny images are enlarged by a whole factor, for lines and keys to be told apart.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from yolino.grid import Grid
 from yolino.inference import Predictor, Stages
 from yolino.inference.views import ImageRaster, view
 from yolino.inference.windows import STRIDE, owned_predictors
-from yolino.types import Output, Segments
+from yolino.types import Output, Polylines, Segments
 from yolino.viz import (
     cell_edge,
     draw_cells,
@@ -22,7 +25,9 @@ from yolino.viz import (
     draw_segments,
     draw_stages,
     draw_wheel,
+    enlarge,
     readable_zoom,
+    tiny_zoom,
 )
 
 Image = UInt8[np.ndarray, "h w 3"]
@@ -35,25 +40,29 @@ FEW_CLASSES = 12  # of which the legend names those, too, that the image does no
 def draw_lines_view(image: Image, stages: Stages, predictor: Predictor) -> Picture:
     """Gives the polylines, each in its color, or in that of its class where the model knows several."""
     color_by = "label" if len(predictor.header.classes) > 1 else "identity"
-    return draw_polylines(image, stages.polylines, color_by=color_by, directed=predictor.header.directed)
+    image, lines = _readable(image, stages.polylines)
+    return draw_polylines(image, lines, color_by=color_by, directed=predictor.header.directed)
 
 
 def draw_orientation_view(image: Image, stages: Stages, predictor: Predictor) -> Picture:
     """Gives the polylines with their direction as a hue, and the wheel of directions."""
     directed = predictor.header.directed
-    drawn = draw_polylines(image, stages.polylines, color_by="direction", directed=directed)
+    image, lines = _readable(image, stages.polylines)
+    drawn = draw_polylines(image, lines, color_by="direction", directed=directed)
     return draw_wheel(drawn, directed=directed)
 
 
 def draw_identity_view(image: Image, stages: Stages, predictor: Predictor) -> Picture:
     """Gives the polylines, each in its color, with dots where several meet."""
-    return draw_polylines(image, stages.polylines, directed=predictor.header.directed, junctions=True)
+    image, lines = _readable(image, stages.polylines)
+    return draw_polylines(image, lines, directed=predictor.header.directed, junctions=True)
 
 
 def draw_classes_view(image: Image, stages: Stages, predictor: Predictor) -> Picture:
     """Gives the polylines in the colors of their classes, and the names; of many only those that occur."""
     header, labels = predictor.header, stages.polylines.labels
-    drawn = draw_polylines(image, stages.polylines, color_by="label", directed=header.directed)
+    image, lines = _readable(image, stages.polylines)
+    drawn = draw_polylines(image, lines, color_by="label", directed=header.directed)
     if not header.classes:
         return drawn
     return draw_legend(drawn, header.classes, labels=None if len(header.classes) <= FEW_CLASSES else labels)
@@ -61,7 +70,7 @@ def draw_classes_view(image: Image, stages: Stages, predictor: Predictor) -> Pic
 
 def draw_score_view(image: Image, stages: Stages, predictor: Predictor) -> Picture:
     """Gives the polylines in the colors of their scores, and the scale."""
-    lines = stages.polylines
+    image, lines = _readable(image, stages.polylines)
     return draw_scale(draw_polylines(image, lines, color_by="score", directed=predictor.header.directed))
 
 
@@ -89,7 +98,9 @@ def draw_cells_view(image: Image, stages: Stages, predictor: Predictor) -> Pictu
 def draw_segments_view(image: Image, stages: Stages, predictor: Predictor) -> Picture:
     """Gives the segments after the NMS with their direction as a hue, and the wheel of directions."""
     directed = predictor.header.directed
-    return draw_wheel(draw_segments(image, stages.segments, directed=directed), directed=directed)
+    zoom = tiny_zoom((image.shape[0], image.shape[1]))
+    segments = stages.segments.with_endpoints(stages.segments.endpoints * zoom)
+    return draw_wheel(draw_segments(enlarge(image, zoom), segments, directed=directed), directed=directed)
 
 
 def draw_stages_view(image: Image, stages: Stages, predictor: Predictor) -> Picture:
@@ -122,6 +133,12 @@ def find_view(name: str) -> View:
     if name not in VIEWS:
         raise ValueError(f"The view {name!r} is unknown; use one of {', '.join(VIEWS)}.")
     return VIEWS[name]
+
+
+def _readable(image: Image, polylines: Polylines) -> tuple[Picture, Polylines]:
+    """Gives the image, enlarged if it is tiny, and the polylines in its pixels."""
+    zoom = tiny_zoom((image.shape[0], image.shape[1]))
+    return enlarge(image, zoom), polylines.with_vertices(polylines.vertices * zoom)
 
 
 def _candidates(predictor: Predictor, image: Image) -> tuple[Segments, Int[np.ndarray, " n"], Matrix]:

@@ -14,8 +14,9 @@ from jaxtyping import UInt8
 from yolino.io import read_image, write_image
 from yolino.metrics import PointMatch
 from yolino.types import Sample
-from yolino.viz import contact_sheet, draw_matches
+from yolino.viz import contact_sheet, draw_matches, enlarge, fit_tile, tiny_zoom
 
+_DRAWN = (720, 1280)  # pixels: height and width in which images of the sheet are drawn, twice a tile
 Image = UInt8[np.ndarray, "h w 3"]
 
 
@@ -72,23 +73,32 @@ class WorstImages:
         """Writes a picture of each, and all of them on one sheet: hits, false alarms and misses."""
         pictures, titles, written = [], [], []
         for rank, (_, _, sample, match) in enumerate(sorted(self._heap, reverse=True), 1):
-            found, truth = match.prediction.points, match.truth.points
-            picture = draw_matches(
-                pixels_of(sample),
-                hits=found[match.true_positives],
-                false_alarms=found[match.false_positives],
-                misses=truth[match.false_negatives],
-            )
+            image = pixels_of(sample)
+            picture = _draw(enlarge(image, tiny_zoom((image.shape[0], image.shape[1]))), image.shape, match)
             name = Path(sample.name).with_suffix("").as_posix().replace("/", "-")
             path = folder / "worst" / f"{rank:02d}-{name}.png"
             write_image(path, picture)
             scores = match.scores()
             written.append(BadImage(sample.name, scores["f1"], scores["precision"], scores["recall"], path))
-            pictures.append(picture)
+            # Lines of the picture would vanish on the sheet, lines drawn in its size would hide each other.
+            pictures.append(_draw(fit_tile(image, _DRAWN), image.shape, match))
             titles.append(f"F1 {scores['f1']:.2f}  {sample.name}")
         if pictures:
             write_image(folder / "worst.png", contact_sheet(pictures, titles))
         return written
+
+
+def _draw(canvas: Image, size: tuple[int, ...], match: PointMatch) -> Image:
+    """Gives an image of `size`, of which `canvas` is a copy in another size, with what was counted."""
+    scale = np.array(canvas.shape[1::-1]) / np.array(size[1::-1])
+    found, truth = match.prediction.points * scale, match.truth.points * scale
+    return draw_matches(
+        canvas,
+        hits=found[match.true_positives],
+        false_alarms=found[match.false_positives],
+        misses=truth[match.false_negatives],
+        reach=match.radius * float(scale.min()),
+    )
 
 
 __all__ = ["BadImage", "WorstImages", "pixels_of"]

@@ -10,8 +10,9 @@ from yolino.viz.cells import cell_edge, draw_cells, readable_zoom
 from yolino.viz.colors import FALSE_ALARM, HIT, MISS, PALETTE, direction_colors, palette, score_colors
 from yolino.viz.keys import draw_legend, draw_scale, draw_wheel
 from yolino.viz.lines import draw_points, draw_polylines, draw_segments, find_junctions
-from yolino.viz.sheet import contact_sheet, draw_matches, draw_regions
+from yolino.viz.sheet import contact_sheet, draw_matches, draw_regions, fit_tile
 from yolino.viz.stages import draw_stages
+from yolino.viz.strokes import enlarge, tiny_zoom
 
 __all__ = [
     "FALSE_ALARM",
@@ -31,8 +32,11 @@ __all__ = [
     "draw_segments",
     "draw_stages",
     "draw_wheel",
+    "enlarge",
     "find_junctions",
+    "fit_tile",
     "palette",
     "readable_zoom",
     "score_colors",
+    "tiny_zoom",
 ]

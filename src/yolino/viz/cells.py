@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from yolino.geometry import transform_points
 from yolino.grid import Grid
-from yolino.image import as_rgb
 from yolino.types import Segments
 from yolino.viz.colors import direction_colors, palette
 from yolino.viz.lines import draw_colored
-from yolino.viz.strokes import Canvas, Thickness, auto_thickness, check_finite
+from yolino.viz.strokes import Canvas, Thickness, auto_thickness, check_finite, enlarge
 
 _GRID, _OCCUPIED = 45, 40  # levels by which grid lines and cells with segments differ from the image
 _BRIGHTEST = 190  # level from which on a dark image is not made brighter
@@ -58,10 +57,9 @@ def draw_cells(
             f"{'no' if predictors is None else len(predictors)} predictors of {len(segments)} segments."
         )
     check_finite(segments.endpoints)
-    pixels = as_rgb(image)
-    canvas = np.repeat(np.repeat(pixels, zoom, axis=0), zoom, axis=1) if zoom > 1 else pixels.copy()
-    enlarge = np.diag([zoom, zoom, 1.0])
-    to_canvas = enlarge if matrix is None else enlarge @ matrix
+    canvas = enlarge(image, zoom)
+    zoomed = np.diag([zoom, zoom, 1.0])
+    to_canvas = zoomed if matrix is None else zoomed @ matrix
     drawn = segments.with_endpoints(segments.endpoints * zoom)
     _shade(canvas, drawn, grid, to_canvas)
     if predictors is None:

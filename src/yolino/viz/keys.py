@@ -1,4 +1,7 @@
-"""Keys to the colors: the names of classes, the wheel of directions, the scale of scores."""
+"""Keys to the colors: the names of classes, the wheel of directions, the scale of scores.
+
+A key that would cover more than a quarter of the image is left out.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from numpy.typing import NDArray
 from yolino.image import as_rgb
 from yolino.viz.colors import OUTLINE, Color, direction_colors, palette, score_colors
 from yolino.viz.strokes import Canvas, as_color, image_edge
-from yolino.viz.text import draw_text, row_height, text_width
+from yolino.viz.text import covers_little, draw_text, row_height, text_width
 
 _PLAIN: Color = (235, 235, 235)
 _SMALLEST = 11  # pixels; lower text cannot be read
@@ -23,7 +26,8 @@ def draw_legend(
 ) -> Canvas:
     """Gives the image with the names of the classes in its lower left corner, each in its color.
 
-    Many names are written smaller and in several columns; how many find no place is told.
+    Many names are written smaller and in several columns; how many find no place is told. Where not even one
+    column leaves three quarters of the image to be seen, there is none.
 
     Args:
         image: RGB or gray pixels.
@@ -39,10 +43,12 @@ def draw_legend(
         height -= 1
     rows = max(1, canvas.shape[0] // height)
     columns = [texts[i : i + rows] for i in range(0, len(texts), rows)]
+    if columns and not covers_little(canvas, _column_size(columns[0], height)):
+        return canvas
     left = 0
     for i, column in enumerate(columns):
         right = left + _column_width(column, height)
-        if i and right > canvas.shape[1]:
+        if i and not covers_little(canvas, (rows * height, right)):
             draw_text(canvas, f"+ {len(texts) - i * rows} more", (0, 0), _PLAIN, height)
             break
         top = canvas.shape[0] - len(column) * height
@@ -63,6 +69,8 @@ def draw_wheel(image: NDArray[np.generic], *, directed: bool = True) -> Canvas:
     canvas = as_rgb(image).copy()
     edge = max(24, round(image_edge(canvas) / 10))
     edge = min(edge, *canvas.shape[:2])
+    if not covers_little(canvas, (edge, edge)):
+        return canvas
     x, y = np.meshgrid(*[np.arange(edge) + 0.5 - edge / 2] * 2)
     radius = np.hypot(x, y) / (edge / 2)
     hues = direction_colors(np.stack([x, y], axis=-1).reshape(-1, 2), directed=directed)
@@ -83,6 +91,8 @@ def draw_scale(image: NDArray[np.generic], *, title: str = "score") -> Canvas:
     height = min(row_height(canvas), canvas.shape[0])
     ends = [text_width(text, height) + 2 * (height // 4) for text in (f"{title} 0", "1")]
     width = min(6 * height, max(canvas.shape[1] - sum(ends), 1))
+    if not covers_little(canvas, (height, width + sum(ends))):
+        return canvas
     left = max(canvas.shape[1] - width - sum(ends), 0)
     left += draw_text(canvas, f"{title} 0", (left, 0), _PLAIN, height)
     place = canvas[:height, left : left + width]
@@ -97,11 +107,18 @@ def _column_width(texts: Sequence[str], height: int) -> int:
     return max((text_width(text, height) for text in texts), default=0) + 2 * (height // 4)
 
 
+def _column_size(texts: Sequence[str], height: int) -> tuple[int, int]:
+    return len(texts) * height, _column_width(texts, height)
+
+
 def _fits(canvas: Canvas, texts: Sequence[str], height: int) -> bool:
-    """Tells whether the names fill no more than a third of the image's width, or one column."""
+    """Tells whether the names fill no more than a quarter of the image, and a third of its width."""
     rows = max(1, canvas.shape[0] // height)
     columns = [texts[i : i + rows] for i in range(0, len(texts), rows)]
-    return len(columns) < 2 or 3 * sum(_column_width(c, height) for c in columns) <= canvas.shape[1]
+    sizes = [_column_size(column, height) for column in columns]
+    width = sum(size[1] for size in sizes)
+    narrow = len(columns) < 2 or 3 * width <= canvas.shape[1]
+    return narrow and covers_little(canvas, (max((size[0] for size in sizes), default=0), width))
 
 
 __all__ = ["draw_legend", "draw_scale", "draw_wheel"]

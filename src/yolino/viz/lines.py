@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil
 
 import numpy as np
@@ -11,15 +12,15 @@ from numpy.typing import NDArray
 from yolino.image import as_rgb
 from yolino.types import Polylines, Segments
 from yolino.viz.colors import OUTLINE, Color, direction_colors, item_colors
+from yolino.viz.density import fitting_widths
+from yolino.viz.heads import draw_heads, placed_axes
 from yolino.viz.strokes import (
     Canvas,
     Thickness,
-    arrow_axes,
     as_color,
     auto_thickness,
     check_finite,
     dot,
-    draw_heads,
     fixed,
     outlined,
     stroke,
@@ -29,7 +30,6 @@ from yolino.viz.strokes import (
 )
 
 _JUNCTION: Color = (255, 255, 255)
-_COVERED = 0.08  # of the image, by lines of a thickness that nobody asked for
 _HEAD_SHARE = 0.4  # of a segment that its arrow head may cover
 _EXACT = 6  # decimals of a pixel to which vertices are the same
 
@@ -54,7 +54,8 @@ def draw_polylines(
         directed: False draws no arrows and gives opposite directions the same hue.
         arrows: Whether arrow heads along the polylines show their direction.
         junctions: Whether white dots mark where polylines fork, merge or cross (`find_junctions`).
-        thickness: Pixels, or "auto": 3 in an image of 1280x720, and less where many lines would cover it.
+        thickness: Pixels, or "auto": 3 in an image of 1280x720, and less where many lines would cover
+            it or lie close to each other.
 
     Raises:
         ValueError: If the image is none, a vertex is not finite, or `color_by` or `thickness` is not allowed.
@@ -65,13 +66,14 @@ def draw_polylines(
     if color_by != "direction":
         colors = item_colors(color_by, polylines.labels, polylines.scores)
     seen = visible_polylines(canvas, polylines, _margin(canvas, thickness))
-    width = _fitting_thickness(canvas, seen, thickness)
-    _draw_lines(canvas, seen, colors, width, directed)
+    widths = fitting_widths(canvas, seen, thickness)
+    _draw_lines(canvas, seen, colors, widths, directed)
     if arrows and directed:
-        rows = np.unique(seen.labels)
-        _draw_arrows(canvas, polylines[rows], None if colors is None else colors[rows], width)
+        rows, first = np.unique(seen.labels, return_index=True)
+        _draw_arrows(canvas, polylines[rows], None if colors is None else colors[rows], widths[first])
     if junctions:
-        _draw_dots(canvas, find_junctions(polylines), _JUNCTION, max(2, ceil(1.3 * width)))
+        radius = max(2, ceil(1.3 * int(widths.max(initial=1))))
+        _draw_dots(canvas, find_junctions(polylines), _JUNCTION, radius)
     return canvas
 
 
@@ -154,32 +156,26 @@ def draw_colored(
     if arrows:
         heads = pieces.copy()
         heads[:, 0] += (1 - _HEAD_SHARE) * (pieces[:, 1] - pieces[:, 0])
-        draw_heads(canvas, heads, colors, width)
+        draw_heads(canvas, heads, colors, np.full(len(heads), width))
 
 
 def _margin(canvas: Canvas, thickness: Thickness) -> int:
     return outlined(auto_thickness(canvas, thickness))
 
 
-def _fitting_thickness(canvas: Canvas, lines: Polylines, thickness: Thickness) -> int:
-    """Gives the thickness in pixels, if "auto" not more than what leaves most of the image to be seen."""
-    width = auto_thickness(canvas, thickness)
-    room = _COVERED * canvas.shape[0] * canvas.shape[1]
-    length = float(lines.lengths.sum())
-    while thickness == "auto" and width > 1 and outlined(width) * length > room:
-        width -= 1
-    return width
-
-
 def _draw_lines(
-    canvas: Canvas, lines: Polylines, colors: UInt8[np.ndarray, "n 3"] | None, width: int, directed: bool
+    canvas: Canvas,
+    lines: Polylines,
+    colors: UInt8[np.ndarray, "n 3"] | None,
+    widths: Int[np.ndarray, " m"],
+    directed: bool,
 ) -> None:
     """Strokes lines, each labelled with the row of its color; without colors, by direction."""
     points, offsets = fixed(lines.vertices), lines.offsets
     pieces, firsts = lines.endpoints, lines.offsets - np.arange(len(lines) + 1)
     hues = direction_colors(pieces[:, 1] - pieces[:, 0], directed=directed) if colors is None else None
     for index in np.argsort(lines.scores, kind="stable"):
-        line = [points[offsets[index] : offsets[index + 1]]]
+        line, width = [points[offsets[index] : offsets[index + 1]]], int(widths[index])
         stroke(canvas, line, OUTLINE, outlined(width))
         if hues is not None:
             own = slice(firsts[index], firsts[index + 1])
@@ -189,9 +185,12 @@ def _draw_lines(
 
 
 def _draw_arrows(
-    canvas: Canvas, polylines: Polylines, colors: UInt8[np.ndarray, "n 3"] | None, width: int
+    canvas: Canvas,
+    polylines: Polylines,
+    colors: UInt8[np.ndarray, "n 3"] | None,
+    widths: Int[np.ndarray, " n"],
 ) -> None:
-    axes, rows = arrow_axes(polylines, width)
+    axes, rows = placed_axes(canvas, polylines, widths)
     owners = polylines.owners[rows]
     if colors is None:
         pieces = polylines.endpoints[rows]
@@ -199,12 +198,24 @@ def _draw_arrows(
     else:
         hues = colors[owners]
     order = np.argsort(polylines.scores[owners], kind="stable")
-    draw_heads(canvas, axes[order], hues[order], width)
+    draw_heads(canvas, axes[order], hues[order], widths[owners][order])
 
 
 def _draw_dots(canvas: Canvas, points: Float[np.ndarray, "n 2"], color: Color, size: int) -> None:
-    seen = ((points >= -2 * size) & (points <= np.array(canvas.shape[1::-1]) + 2 * size)).all(axis=1)
-    places: list[Int[np.ndarray, " xy"]] = list(fixed(points[seen]))
-    for extra, fill in ((max(1, ceil(size / 3)), OUTLINE), (0, color)):
-        for place in places:
-            dot(canvas, place, size + extra, fill)
+    draw_dots(canvas, [(points, color)], size)
+
+
+def draw_dots(canvas: Canvas, groups: Sequence[tuple[Float[np.ndarray, "_ 2"], Color]], size: int) -> None:
+    """Draws dots of so many pixels radius on the canvas, later groups on top of earlier ones.
+
+    All outlines lie below all colors, so that dots close to each other do not hide each other's color.
+    """
+    limits = np.array(canvas.shape[1::-1]) + 2 * size
+    places: list[tuple[list[Int[np.ndarray, " xy"]], Color]] = [
+        (list(fixed(points[((points >= -2 * size) & (points <= limits)).all(axis=1)])), color)
+        for points, color in groups
+    ]
+    for extra in (max(1, ceil(size / 3)), 0):
+        for shown, color in places:
+            for place in shown:
+                dot(canvas, place, size + extra, OUTLINE if extra else color)

@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 
 from yolino.image import as_rgb
 from yolino.viz.colors import FALSE_ALARM, HIT, MISS, Color
-from yolino.viz.lines import draw_points
-from yolino.viz.strokes import Canvas, image_edge
-from yolino.viz.text import draw_text, row_height
+from yolino.viz.lines import draw_dots
+from yolino.viz.strokes import Canvas, auto_thickness, check_finite, image_edge
+from yolino.viz.text import covers_little, draw_text, row_height, text_width
 
 _BACKGROUND = (32, 32, 32)
 _TITLE: Color = (255, 255, 255)
 _REGION: Color = (200, 200, 200)
 _GAP, _BAR = 4, 28
+_VERDICTS = ("hit", "false", "missed")
+_THIN = 1 / 1400  # of the image's edge: radius of dots that make up a line
+TILE = (360, 640)
 
 
 def draw_matches(
@@ -28,23 +31,49 @@ def draw_matches(
     hits: Float[np.ndarray, "n 2"],
     false_alarms: Float[np.ndarray, "m 2"],
     misses: Float[np.ndarray, "k 2"],
+    reach: float | None = None,
 ) -> Canvas:
     """Gives the image with a metric's verdict on points: hits green, false alarms blue, misses red.
+
+    Misses lie on top of false alarms, and both on top of hits. Points that follow each other closely, as
+    samples of lines do, give thin lines, other points larger dots.
 
     Args:
         image: RGB or gray pixels.
         hits: Predicted points that count as true, in pixels of the image.
         false_alarms: The other predicted points.
         misses: Labelled points that no prediction found.
+        reach: Distance in pixels up to which the metric takes points for the same: no dot is wider than a
+            quarter of it.
+
+    Raises:
+        ValueError: If the image is none, or a coordinate is not finite.
     """
-    groups = (("missed", misses, MISS), ("false", false_alarms, FALSE_ALARM), ("hit", hits, HIT))
-    canvas = as_rgb(image)
-    for _, points, color in groups:
-        canvas = draw_points(canvas, points, color)
-    left, height = 0, row_height(canvas)
-    for name, points, color in reversed(groups):
-        left += draw_text(canvas, f"{name} {len(points)}", (left, 0), color, height)
+    groups = [(hits, HIT), (false_alarms, FALSE_ALARM), (misses, MISS)]
+    canvas = as_rgb(image).copy()
+    for points, _ in groups:
+        check_finite(points)
+    radius = _dot_radius(canvas, [points for points, _ in groups])
+    if reach is not None:
+        radius = max(1, min(radius, int(reach / 8)))
+    draw_dots(canvas, groups, radius)
+    texts = [f"{name} {len(points)}" for name, (points, _) in zip(_VERDICTS, groups, strict=True)]
+    height = row_height(canvas)
+    width = sum(text_width(text, height) + 2 * (height // 4) for text in texts)
+    if covers_little(canvas, (height, width)):
+        left = 0
+        for text, (_, color) in zip(texts, groups, strict=True):
+            left += draw_text(canvas, text, (left, 0), color, height)
     return canvas
+
+
+def _dot_radius(canvas: Canvas, groups: Sequence[Float[np.ndarray, "_ 2"]]) -> int:
+    """Gives the radius in pixels: of a thin line where dots of the usual one would run into each other."""
+    usual = auto_thickness(canvas, "auto")
+    steps = np.concatenate([np.linalg.norm(np.diff(points, axis=0), axis=1) for points in groups])
+    if len(steps) == 0 or np.median(steps) > 2 * usual:
+        return usual
+    return max(1, round(image_edge(canvas) * _THIN))
 
 
 def draw_regions(image: NDArray[np.generic], regions: Sequence[Float[np.ndarray, "_ 2"]]) -> Canvas:
@@ -74,7 +103,7 @@ def contact_sheet(
     titles: Sequence[str] = (),
     *,
     columns: int = 3,
-    tile: tuple[int, int] = (360, 640),
+    tile: tuple[int, int] = TILE,
 ) -> Canvas:
     """Gives one image that shows all `images`, each shrunk or grown into its tile under its title.
 
@@ -101,13 +130,14 @@ def contact_sheet(
         top, left = _GAP + i // columns * height, _GAP + i % columns * width
         if titles:
             draw_text(sheet[top : top + bar, left : left + tile[1]], titles[i], (0, 0), _TITLE, bar)
-        small = _fit_tile(as_rgb(image), tile)
+        small = fit_tile(as_rgb(image), tile)
         y, x = top + bar + (tile[0] - small.shape[0]) // 2, left + (tile[1] - small.shape[1]) // 2
         sheet[y : y + small.shape[0], x : x + small.shape[1]] = small
     return sheet
 
 
-def _fit_tile(image: UInt8[np.ndarray, "h w 3"], tile: tuple[int, int]) -> UInt8[np.ndarray, "th tw 3"]:
+def fit_tile(image: UInt8[np.ndarray, "h w 3"], tile: tuple[int, int] = TILE) -> UInt8[np.ndarray, "th tw 3"]:
+    """Gives an RGB image shrunk or grown to the largest size that fits into a tile (height, width)."""
     scale = min(tile[0] / image.shape[0], tile[1] / image.shape[1])
     size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
     interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR

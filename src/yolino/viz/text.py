@@ -46,6 +46,11 @@ def draw_text(canvas: Canvas, text: str, corner: tuple[int, int], color: Color, 
     return width
 
 
+def covers_little(canvas: Canvas, size: tuple[int, int]) -> bool:
+    """Tells whether a box (height, width) covers no more than a quarter of the canvas."""
+    return bool(4 * size[0] * size[1] <= canvas.shape[0] * canvas.shape[1])
+
+
 def text_width(text: str, height: int) -> int:
     """Gives the width in pixels of the letters on a box of `height`."""
     return int(cv2.getTextSize(_as_ascii(text), _FONT, height / 44, _weight(height))[0][0])
@@ -60,4 +65,4 @@ def _as_ascii(text: str) -> str:
     return "".join(letter if " " <= letter <= "~" else "?" for letter in plain)
 
 
-__all__ = ["draw_text", "row_height", "text_width"]
+__all__ = ["covers_little", "draw_text", "row_height", "text_width"]
