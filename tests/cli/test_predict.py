@@ -149,7 +149,10 @@ def test_unusual_images_are_predicted(run: Run, model: Path, name: str) -> None:
     assert (code, err) == (0, "")
     stem = Path(name).stem
     assert json.loads(Path(f"yolino-out/{stem}.json").read_text())["size"] == size
-    assert list(read_image(f"yolino-out/{stem}.png").shape) == [*size, 3]
+    picture = read_image(f"yolino-out/{stem}.png")
+    factor = picture.shape[0] // size[0]  # small images are enlarged
+    assert list(picture.shape) == [factor * size[0], factor * size[1], 3]
+    assert 1 <= factor <= 480
 
 
 def test_a_rotated_photo_is_turned_upright(run: Run, model: Path) -> None:
@@ -303,6 +306,21 @@ def test_a_file_is_no_folder_for_results(run: Run, model: Path, photo: Path) -> 
     code, _, err = run("predict", photo, "--model", model, "--out", photo)
     assert (code, err) == (2, f"Error: --out {photo} is a file, but a folder is needed: give another name.\n")
     assert photo.read_bytes() == before
+
+
+@pytest.mark.parametrize("out", ["found.txt", "new/lanes.gpkp", "photo.tif", "a.geojsn"])
+def test_an_unknown_ending_makes_no_folder(run: Run, model: Path, photo: Path, out: str) -> None:
+    before = left_over(Path())
+    code, _, err = run("predict", photo, "--model", model, "--out", out)
+    assert (code, err.count("\n")) == (2, 1)
+    assert err.startswith(f"Error: --out {out} has the unknown ending {Path(out).suffix}")
+    assert "images into a folder (end its name with / if it must have a dot)." in err
+    hints = {"new/lanes.gpkp": "new/lanes.gpkg", "a.geojsn": "a.geojson"}
+    assert (f"(did you mean {hints.get(out)}?)" in err) == (out in hints)
+    assert left_over(Path()) == before
+    assert not Path("new").exists()
+    assert run("predict", photo, "--model", model, "--out", f"{out}/")[0] == 0
+    assert Path(out, "photo.json").is_file()
 
 
 def test_labels_that_a_person_corrected_are_not_replaced(run: Run, model: Path, photo: Path) -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -211,8 +212,11 @@ def test_damaged_parts_are_reported_and_the_rest_is_written(run: Run, striped: P
     path.write_bytes(whole)
     Path("a.gpkg").unlink()
     code, _, err = run("predict", "scene.tif", "--model", striped, "--out", "a.gpkg")
-    assert code == 0  # the file has another size now, so all is done anew
-    assert "another scene bytes, scene time: beginning anew" in err
+    assert (code, err.count("\n")) == (2, 1)  # the file has another size now, and the work is not thrown away
+    assert "differs in: scene bytes, scene time. Remove a.gpkg.partial to begin anew" in err
+    assert list(Path("a.gpkg.partial").glob("*.npz"))
+    shutil.rmtree("a.gpkg.partial")
+    assert run("predict", "scene.tif", "--model", striped, "--out", "a.gpkg")[0] == 0
     assert not Path("a.gpkg.partial").exists()
 
 
@@ -308,7 +312,22 @@ def test_the_scale_is_that_of_the_network(run: Run, striped: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("scene.tif", "--out", "a.shp"), "ends in .shp, which is not written: use .gpkg, .geojson"),
+        (("scene.tif", "--out", "a.shp"), "has the unknown ending .shp; a scene goes into .gpkg, .geojson"),
+        (("scene.tif", "--out", "a.gpkp"), "unknown ending .gpkp (did you mean a.gpkg?); a scene goes into"),
+        (("scene.tif", "--out", "a.TXT"), "--out a.TXT has the unknown ending .TXT; a scene goes into"),
+        (("scene.tif", "--out", "a.mp4"), "--out a.mp4 is for a video, but scene.tif is none (by its name)"),
+        (
+            ("scene.tif", "--out", "a.gpkg", "--view", "lines"),
+            "--view lines is for pictures, but --out a.gpkg",
+        ),
+        (("scene.tif", "--out", "a.gpkg", "--no-images"), "--no-images is for pictures, but --out a.gpkg"),
+        (("scene.tif", "--out", "a.gpkg", "--images"), "--images is for pictures, but --out a.gpkg"),
+        (
+            ("scene.tif", "--out", "a.gpkg", "--scale", "1e-9"),
+            "shows scene.tif (300 x 450 pixels) to the network as 3e-07 x 4.5e-07 pixels, less than one of "
+            "its cells of 16: give 0.0534 or more.",
+        ),
+        (("scene.tif", "--out", "a.gpkg", "--scale", "0.05"), "give 0.0534 or more."),
         (("scene.tif", "scene.tif", "--out", "a.gpkg"), "for one scene, but 2 sources are given"),
         ((".", "--out", "a.gpkg"), "is a folder, but --out a.gpkg is one file"),
         (("none.tif", "--out", "a.gpkg"), "There is no scene none.tif"),
@@ -330,7 +349,9 @@ def test_mistakes_are_told_in_one_line(
     assert (code, err.count("\n")) == (2, 1)
     assert message in err
     assert not Path("a.gpkg").exists()
-    assert not Path("a.gpkg.partial").exists()
+    assert sorted(each.name for each in Path().iterdir()) == sorted(
+        ["scene.tif", "striped.onnx", "text.tif", "there.gpkg"]
+    )
     assert Path("there.gpkg").read_text() == "mine"
 
 
@@ -341,3 +362,72 @@ def test_in_a_folder_a_scene_is_an_image_like_others(run: Run, striped: Path) ->
     assert run("predict", "scene.tif", "--model", striped, "--out", "a.json")[0] == 0
     one, other = (read_result(path).polylines for path in ("found/scene.json", "a.json"))
     np.testing.assert_allclose(one.vertices, other.vertices, atol=0.011)
+
+
+def test_a_folder_may_have_a_dot(run: Run, striped: Path) -> None:
+    write("scene.tif", drawn())
+    Path("there.v2").mkdir()
+    for out in ("new.v1/", "there.v2", "odd.gpkg/"):
+        assert run("predict", "scene.tif", "--model", striped, "--out", out)[0] == 0
+        assert sorted(each.name for each in Path(out).iterdir()) == ["scene.json", "scene.png"]
+
+
+LOCAL = 'LOCAL_CS["site",UNIT["metre",1]]'
+
+
+def test_geojson_of_a_local_system_is_refused_before_the_first_window(
+    run: Run, striped: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from yolino.inference import scene
+
+    write("scene.tif", drawn(), crs=LOCAL)
+    with monkeypatch.context() as patch:
+        patch.setattr(scene, "scan", lambda *_, **__: pytest.fail("a window was computed"))
+        code, _, err = run("predict", "scene.tif", "--model", striped, "--out", "a.geojson")
+    assert (code, err) == (
+        2,
+        "Error: a.geojson cannot be written: the coordinate reference system of scene.tif has no longitude "
+        "and latitude, which GeoJSON needs; give --out a name in .gpkg or .parquet.\n",
+    )
+    assert sorted(each.name for each in Path().iterdir()) == ["scene.tif", "striped.onnx"]
+    for suffix in (".gpkg", ".parquet", ".json"):
+        assert run("predict", "scene.tif", "--model", striped, "--out", f"a{suffix}")[0] == 0
+
+
+def test_geojson_without_a_system_is_advised_against(run: Run, striped: Path) -> None:
+    write("units.tif", drawn(), crs=None)
+    write_without_place("pixels.tif", drawn())
+    advice = "Programs take GeoJSON without a system for longitude and latitude: .gpkg is better here.\n"
+    for name in ("units", "pixels"):
+        code, _, err = run("predict", f"{name}.tif", "--model", striped, "--out", f"{name}.geojson")
+        assert (code, err.count("\n"), err.endswith(advice)) == (0, 1, True)
+
+
+@pytest.mark.parametrize("size", [(1, 300), (300, 1), (1, 1)])
+@pytest.mark.parametrize("own", [1.0, 0.5, 0.1])
+def test_thin_scenes_have_data(run: Run, striped: Path, size: tuple[int, int], own: float) -> None:
+    thin = make_striped_model(Path("thin.onnx"), striped_header(scale=own))
+    write("scene.tif", np.full(size, 200, np.uint8))
+    for i, scale in enumerate(((), ("--scale", own), ("--scale", 1))):
+        code, out, err = run("predict", "scene.tif", "--model", thin, "--out", f"{i}.gpkg", *scale)
+        assert (code, err) == (0, "")
+        assert "without data" not in out
+    code, _, err = run("predict", "scene.tif", "--model", thin, "--out", "c.gpkg", "--scale", own * 0.9)
+    assert (code, f"give {own:g} or more." in err) == (2, True)
+
+
+def test_other_options_never_throw_work_away(run: Run, striped: Path) -> None:
+    path = write("scene.tif", drawn(), compress="deflate")
+    path.write_bytes(path.read_bytes()[:-200])
+    arguments = ("predict", "scene.tif", "--model", striped, "--out", "a.gpkg")
+    assert run(*arguments)[0] == 2
+    Path("a.gpkg").unlink()
+    before = {each.name: each.read_bytes() for each in Path("a.gpkg.partial").iterdir()}
+    code, _, err = run(*arguments, "--threshold", 0.25)
+    assert (code, err) == (
+        2,
+        "Error: Earlier work in a.gpkg.partial differs in: threshold. Remove a.gpkg.partial to begin "
+        "anew, or go on as before.\n",
+    )
+    assert {each.name: each.read_bytes() for each in Path("a.gpkg.partial").iterdir()} == before
+    assert "Going on with a.gpkg.partial" in run(*arguments)[2]

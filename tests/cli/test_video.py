@@ -147,7 +147,7 @@ def test_odd_sizes_keep_their_coordinates(run: Run, model: Path) -> None:
             "drive.mp4 would replace a source video: choose another --out.",
         ),
         (["drive.mp4", "--out", "."], "drive.mp4 would replace a source video: choose another --out."),
-        (["drive.mp4", "--out", "out.gif"], "--out out.gif is neither a folder nor a file in .mp4"),
+        (["drive.mp4", "--out", "out.gif"], "--out out.gif has the unknown ending .gif; a scene goes into"),
         (["drive.mp4", "text.mp4", "--out", "out.mp4"], "--out out.mp4 is one file for 2 videos"),
         (["drive.mp4", "--out", "out.mp4", "--no-images"], "--no-images wants none"),
         (["drive.mp4", "--out", "text.mp4/out.mp4"], "text.mp4/out.mp4 cannot be written"),
@@ -155,7 +155,20 @@ def test_odd_sizes_keep_their_coordinates(run: Run, model: Path) -> None:
         (["drive.mp4", "--format", "tusimple"], "Videos give JSON lines, not the format 'tusimple'"),
         (["drive.mp4", "--view", "stages"], "Videos show lines, not the view 'stages'"),
         (["drive.mp4", "--smooth", "--no-track"], "--smooth needs to know which line is which"),
-        (["drive.mp4", "--overlap", "64"], "--overlap is for a scene"),
+        (["drive.mp4", "--out", "a.gpkg"], "--out a.gpkg is neither a folder nor a file in .mp4"),
+        (
+            ["drive.mp4", "--out", "out.mpp4"],
+            "unknown ending .mpp4 (did you mean out.mp4?); a scene goes into",
+        ),
+        (["drive.mp4", "--overlap", "64"], "--overlap is for scenes, but drive.mp4 is a video (by its name)"),
+        (["drive.mp4", "--scale", "1", "--out", "vsc"], "--scale is for scenes, but drive.mp4 is a video"),
+        (["drive.mp4", "--bands", "1", "--out", "a.gpkg"], "--bands is for scenes, but drive.mp4 is a video"),
+        (
+            ["drive.mp4", "--out", "there.mp4"],
+            "--out there.mp4 exists already and is not replaced: remove it",
+        ),
+        (["drive.mp4", "--out", "there.jsonl"], "--out there.jsonl exists already and is not replaced"),
+        (["photo.jpg", "--out", "out.mp4"], "--out out.mp4 is for a video, but photo.jpg is none"),
         (["photo.jpg", "--smooth"], "--smooth is for videos, but photo.jpg is none"),
         (["photo.jpg", "--frames", "3"], "--frames is for videos, but photo.jpg is none"),
     ],
@@ -166,6 +179,8 @@ def test_a_mistake_is_told_in_one_sentence(
     make("drive.mp4", count=2)
     Path("text.mp4").write_text("no video\n" * 30)
     Path("empty.mp4").touch()
+    for name in ("there.mp4", "there.jsonl"):
+        Path(name).write_text("mine")
     before = {name: Path(name).read_bytes() for name in files()}
     code, out, err = run("predict", *arguments, "--model", model)
     assert code == 2
@@ -174,6 +189,13 @@ def test_a_mistake_is_told_in_one_sentence(
     assert err.count("\n") == 1
     assert told in err
     assert {name: Path(name).read_bytes() for name in files()} == before  # nothing is left, nothing replaced
+
+
+def test_a_folder_has_the_results_of_the_last_run(run: Run, model: Path) -> None:
+    make("drive.mp4", count=3)
+    for out in ("found", "found", "a.mp4/"):  # whose name looks like a video's
+        assert run("predict", "drive.mp4", "-m", model, "--out", out)[0] == 0
+        assert files(out) == ["drive.jsonl", "drive.mp4"]
 
 
 def test_sources_are_videos_or_not() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from yolino.datasets.feature_files import FEATURE_WRITERS
+from yolino.datasets.feature_files import FEATURE_WRITERS, check_place
 from yolino.datasets.features import Features, to_features
 from yolino.datasets.georeference import Georeference
 from yolino.types import Polylines
@@ -122,3 +122,25 @@ def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
         with pytest.raises(OSError, match=suffix):
             write(tmp_path / "file" / f"a{suffix}", features())
     assert [each.name for each in tmp_path.iterdir()] == ["file"]
+
+
+LOCAL = 'LOCAL_CS["site",UNIT["metre",1]]'
+GLOBE = "+proj=geos +h=35785831 +lon_0=0 +ellps=GRS80"  # as a weather satellite sees it: the corners are sky
+
+
+@pytest.mark.parametrize("crs", ["EPSG:25832", "EPSG:4326", ALBERS, GLOBE, None])
+def test_what_can_be_expressed_is_not_refused(crs: str | None) -> None:
+    known = None if crs is None else rasterio.crs.CRS.from_user_input(crs).to_wkt()
+    matrix = np.array([[110_000.0, 0, -5_500_000], [0, -110_000.0, 5_500_000], [0, 0, 1]])
+    at = Georeference(matrix, known, (100, 100)) if crs == GLOBE else place(crs)
+    for suffix in FEATURE_WRITERS:
+        check_place(Path(f"a{suffix}"), Path("scene.tif"), at)
+
+
+def test_a_local_system_is_refused_for_geojson_alone() -> None:
+    for suffix in (".gpkg", ".parquet"):
+        check_place(Path(f"a{suffix}"), Path("scene.tif"), place(LOCAL))
+    with pytest.raises(
+        ValueError, match=r"^a.geojson cannot .* of scene.tif has no .* in .gpkg or .parquet.$"
+    ):
+        check_place(Path("a.geojson"), Path("scene.tif"), place(LOCAL))

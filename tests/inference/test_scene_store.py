@@ -22,13 +22,13 @@ def chunk(*windows: int, classes: int = 0) -> Chunk:
 @pytest.mark.parametrize("classes", [0, 4])
 def test_what_is_added_is_found_again_to_the_last_bit(tmp_path: Path, classes: int) -> None:
     store = SceneStore(tmp_path / "a.partial", SETTINGS)
-    assert (store.done, store.changed, (tmp_path / "a.partial").exists()) == (set(), [], False)
+    assert (store.done, (tmp_path / "a.partial").exists()) == (set(), False)
     added = [chunk(4, 2, classes=classes), chunk(7, classes=classes)]
     for each in added:
         store.add(each)
     assert store.done == {2, 4, 7}
     again = SceneStore(tmp_path / "a.partial", SETTINGS)
-    assert (again.done, again.changed) == ({2, 4, 7}, [])
+    assert again.done == {2, 4, 7}
     for one, other in zip(again.chunks, added, strict=True):
         np.testing.assert_array_equal(one.windows, other.windows)
         np.testing.assert_array_equal(one.segments.endpoints, other.segments.endpoints)
@@ -41,12 +41,20 @@ def test_what_is_added_is_found_again_to_the_last_bit(tmp_path: Path, classes: i
     assert not (tmp_path / "a.partial").exists()
 
 
-def test_other_settings_begin_anew_and_are_named(tmp_path: Path) -> None:
+def test_work_under_other_settings_is_kept_and_what_differs_is_named(tmp_path: Path) -> None:
     SceneStore(tmp_path / "a", SETTINGS).add(chunk(1))
-    store = SceneStore(tmp_path / "a", {**SETTINGS, "scale": 1.0, "bands": [1]})
-    assert (store.changed, store.done) == (["scale", "bands"], set())
-    store.add(chunk(5))
-    assert SceneStore(tmp_path / "a", {**SETTINGS, "scale": 1.0, "bands": [1]}).done == {5}
+    with pytest.raises(ValueError, match=r"differs in: scale, bands. Remove .* to begin anew"):
+        SceneStore(tmp_path / "a", {**SETTINGS, "scale": 1.0, "bands": [1]})
+    assert SceneStore(tmp_path / "a", SETTINGS).done == {1}
+
+
+def test_other_settings_without_any_work_begin_anew(tmp_path: Path) -> None:
+    SceneStore(tmp_path / "a", SETTINGS).add(chunk(1))
+    for file in (tmp_path / "a").glob("*.npz"):
+        file.unlink()
+    other = {**SETTINGS, "scale": 1.0}
+    SceneStore(tmp_path / "a", other).add(chunk(5))
+    assert SceneStore(tmp_path / "a", other).done == {5}
 
 
 def test_a_file_that_the_disk_damaged_is_done_again(tmp_path: Path) -> None:
@@ -62,12 +70,12 @@ def test_a_file_that_the_disk_damaged_is_done_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{"])
-def test_damaged_settings_begin_anew(tmp_path: Path, text: str) -> None:
+def test_work_with_damaged_settings_is_kept(tmp_path: Path, text: str) -> None:
     SceneStore(tmp_path / "a", SETTINGS).add(chunk(1))
     (tmp_path / "a" / "settings.json").write_text(text)
-    store = SceneStore(tmp_path / "a", SETTINGS)
-    assert store.changed
-    assert store.done == set()
+    with pytest.raises(ValueError, match="differs in: settings"):
+        SceneStore(tmp_path / "a", SETTINGS)
+    assert len(list((tmp_path / "a").glob("*.npz"))) == 1
 
 
 def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> None:

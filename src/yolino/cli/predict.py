@@ -47,30 +47,36 @@ def predict(
     model: Model = "default",
     threshold: Threshold = None,
     out: Annotated[
-        Path,
+        str,  # a path would lose the separator at its end
         typer.Option(
             "--out",
             "-o",
             metavar="DIR|FILE",
             help="Folder for the results; of a whole scene one .gpkg, .geojson, .parquet or .json file.",
         ),
-    ] = Path("yolino-out"),
+    ] = "yolino-out",
     format: Annotated[
         str,
         typer.Option("--format", "-f", metavar="NAME", help="json, tusimple, cvat, geojson, ..."),
     ] = "json",
     device: Device = "auto",
     images: Annotated[
-        bool, typer.Option("--images/--no-images", help="Whether to write pictures with the lines drawn.")
-    ] = True,
+        bool | None,
+        typer.Option(
+            "--images/--no-images",
+            help="Whether to write pictures with the lines drawn.",
+            show_default="images",
+        ),
+    ] = None,
     view: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--view",
             metavar="NAME",
             help="Pictures of: lines, orientation, identity, classes, score, cells, segments or stages.",
+            show_default="lines",
         ),
-    ] = "lines",
+    ] = None,
     overlap: Annotated[
         int | None,
         typer.Option(
@@ -106,13 +112,17 @@ def predict(
     ] = None,
 ) -> None:
     """Find the polylines in images; write a JSON file and a picture for each, or one file for a scene."""
-    from yolino.cli.scenes import Scene, is_scene, predict_scene
+    from yolino.cli.outputs import check_ending
+    from yolino.cli.scenes import Scene, is_scene, predict_scene, refuse_for_videos
     from yolino.cli.video import Video, are_videos, predict_videos
 
     scene = Scene(overlap=overlap, bands=bands, scale=scale)
     video = Video(follow, smooth, frames)
-    if are_videos(sources, video):
-        is_scene(Path(), scene)  # which tells that its options are not for videos
+    videos = are_videos(sources, video)
+    if videos:
+        refuse_for_videos(scene, sources[0])
+    check_ending(out, sources[0], video=videos)
+    if videos:
         return predict_videos(
             sources,
             out,
@@ -120,21 +130,21 @@ def predict(
             model=model,
             threshold=threshold,
             device=device,
-            pictures=images,
+            pictures=images is not False,
             format=format,
-            view=view,
+            view="lines" if view is None else view,
         )
-    if is_scene(out, scene, format):
-        return predict_scene(sources, out, scene, model=model, threshold=threshold, device=device)
+    if is_scene(out, scene, format, pictures=images, view=view):
+        return predict_scene(sources, Path(out), scene, model=model, threshold=threshold, device=device)
     return _predict_images(
         sources,
         model=model,
         threshold=threshold,
-        out=out,
+        out=Path(out),
         format=format,
         device=device,
-        pictures=images,
-        view=view,
+        pictures=images is not False,
+        view="lines" if view is None else view,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
+from yolino.cli.outputs import SCENE_SUFFIXES, ending
+
 if TYPE_CHECKING:
-    from yolino.datasets.georeference import Georeference
     from yolino.header import Header
     from yolino.inference import Predictor
     from yolino.inference.scene import Scan
@@ -21,21 +23,6 @@ if TYPE_CHECKING:
     from yolino.inference.views import Raster
     from yolino.types import Polylines
 
-SCENE_SUFFIXES = (".gpkg", ".geojson", ".parquet", ".json")
-_OTHER = (
-    ".shp",
-    ".fgb",
-    ".kml",
-    ".kmz",
-    ".gml",
-    ".gpx",
-    ".dxf",
-    ".csv",
-    ".tab",
-    ".sqlite",
-    ".topojson",
-    ".zip",
-)
 _NEEDED = {".gpkg": ("pyogrio",), ".parquet": ("pyarrow",)}
 _INTERRUPTED = 130
 
@@ -53,24 +40,52 @@ class Scene(NamedTuple):
     bands: str | None = None
     scale: float | None = None
 
+    @property
+    def given(self) -> list[str]:
+        """Names of the options that are given."""
+        return [f"--{name}" for name, value in self._asdict().items() if value is not None]
 
-def is_scene(out: Path, options: Scene = Scene(), format: str = "json") -> bool:
+
+def is_scene(
+    out: str | Path,
+    options: Scene = Scene(),
+    format: str = "json",
+    *,
+    pictures: bool | None = None,
+    view: str | None = None,
+) -> bool:
     """Tells whether the results are to be one file of map features (or JSON), by the suffix of its name.
 
+    Args:
+        out: Name of the file, or of a folder.
+        options: What only scenes have.
+        format: "json": what a scene becomes is told by the suffix.
+        pictures: None: a scene gives no pictures.
+        view: None, likewise.
+
     Raises:
-        ValueError: Such a file cannot be written, or options are given that do not go together.
+        ValueError: Options are given that do not go together.
     """
-    suffix = out.suffix.lower()
-    known = ", ".join(SCENE_SUFFIXES)
-    if suffix in _OTHER and not out.is_dir():
-        raise ValueError(f"--out {out} ends in {suffix}, which is not written: use {known}, or a folder.")
-    scene = suffix in SCENE_SUFFIXES and not out.is_dir()
-    if scene and format != "json":
+    if ending(out) not in SCENE_SUFFIXES:
+        if given := options.given:
+            known = ", ".join(SCENE_SUFFIXES)
+            raise ValueError(f"{given[0]} is for a scene: give --out a name that ends in one of {known}.")
+        return False
+    if format != "json":
         raise ValueError(f"--format {format} is for a folder; what --out {out} holds is told by its suffix.")
-    given = [f"--{name}" for name, value in options._asdict().items() if value is not None]
-    if given and not scene:
-        raise ValueError(f"{given[0]} is for a scene: give --out a name that ends in one of {known}.")
-    return scene
+    shown = [f"--view {view}"] if view is not None else []
+    shown += ["--images" if pictures else "--no-images"] if pictures is not None else []
+    if shown:
+        raise ValueError(
+            f"{shown[0]} is for pictures, but --out {out} is one file of lines without any: leave it out."
+        )
+    return True
+
+
+def refuse_for_videos(options: Scene, video: str) -> None:
+    """Raises ValueError if options of scenes are given for a video."""
+    if given := options.given:
+        raise ValueError(f"{given[0]} is for scenes, but {video} is a video (by its name): leave it out.")
 
 
 def predict_scene(
@@ -82,20 +97,23 @@ def predict_scene(
         ValueError: An argument is not allowed, or the scene or the model cannot be read.
         FileNotFoundError: The scene or the model does not exist.
     """
+    from yolino.cli.scene_file import find_place, write_scene
     from yolino.cli.screen import busy, report_problems
     from yolino.inference.predictor import model_path
     from yolino.inference.scene import link, scan
     from yolino.inference.scene_raster import open_scene
     from yolino.inference.scene_store import SceneStore
+    from yolino.io import Result
 
     path = _check_paths(sources, out)
     bands = _parse_bands(options.bands)
     for package in _NEEDED.get(out.suffix.lower(), ()):  # now, not after hours
         importlib.import_module(package)
-    with busy("loading the model (once after an installation, kernels are compiled: up to a minute)"):
-        predictor = _load(model, path, options, threshold=threshold, device=device)
-        predictor.warm_up()
     raster = open_scene(path, bands)
+    place = find_place(out, path, raster)
+    with busy("loading the model (once after an installation, kernels are compiled: up to a minute)"):
+        predictor = _load(model, path, raster.size, options, threshold=threshold, device=device)
+        predictor.warm_up()
     settings = _settings(predictor, raster, path, model_path(model), bands)
     store = SceneStore(out.with_name(out.name + ".partial"), settings)
     _tell_start(store)
@@ -105,7 +123,9 @@ def predict_scene(
             done = scan(predictor, raster, store, advance=advance)
         with busy("merging and linking the segments"):
             polylines = link(predictor, raster, store)
-        _write(out, path, raster, polylines, predictor.header)
+        header = predictor.header
+        result = Result(path.as_posix(), raster.size, polylines, header.classes, header.name)
+        write_scene(out, result, place, header.licence)
         if done.failures:
             problems.append(_describe_failures(done, path, store.folder))
         else:
@@ -138,8 +158,10 @@ def _parse_bands(text: str | None) -> tuple[int, ...] | None:
         raise ValueError(f"--bands is {text!r}, but must be three numbers (or one), like 3,2,1.") from None
 
 
-def _load(model: str, path: Path, options: Scene, *, threshold: float | None, device: str) -> Predictor:
-    """Gives the predictor, whose fit is "window"."""
+def _load(
+    model: str, path: Path, size: tuple[int, int], options: Scene, *, threshold: float | None, device: str
+) -> Predictor:
+    """Gives the predictor, whose fit is "window", for a scene of `size` (height, width)."""
     from yolino.inference import Predictor, open_engine
     from yolino.inference.predictor import model_path
 
@@ -154,10 +176,23 @@ def _load(model: str, path: Path, options: Scene, *, threshold: float | None, de
     if scale is not None:
         if not 0 < scale <= 16:
             raise ValueError(f"--scale is {scale}, but must be above 0 and at most 16.")
+        _check_cells(scale, path, size, header)
         if header.fit != "window":
             _say(f"The model {header.name} was trained on whole images; it goes over {path} in {windows}.")
         header = replace(header, fit="window", scale=float(scale))
     return Predictor(engine, header, threshold=threshold, overlap=options.overlap)
+
+
+def _check_cells(scale: float, path: Path, size: tuple[int, int], header: Header) -> None:
+    """Refuses a scale that leaves less than a cell of a scene; one that is thin itself needs not shrink."""
+    lowest = min(1.0, header.scale, header.stride / min(size))
+    if scale < lowest:
+        height, width = (f"{side * scale:.3g}" for side in size)
+        raise ValueError(
+            f"--scale {scale:g} shows {path} ({size[0]} x {size[1]} pixels) to the network as {height} x "
+            f"{width} pixels, less than one of its cells of {header.stride}: give "
+            f"{math.ceil(lowest * 1e4) / 1e4:g} or more."
+        )
 
 
 def _settings(
@@ -216,38 +251,8 @@ def _going_on(store: SceneStore, total: int) -> Iterator[Callable[[int], None]]:
 
 
 def _tell_start(store: SceneStore) -> None:
-    if store.changed:
-        names = ", ".join(store.changed)
-        _say(f"Earlier work in {store.folder} was done with another {names}: beginning anew.")
-    elif store.chunks:
+    if store.chunks:
         _say(f"Going on with {store.folder}: {len(store.done)} windows are done.")
-
-
-def _write(out: Path, path: Path, raster: Raster, polylines: Polylines, header: Header) -> None:
-    """Writes the file of the scene and tells what its coordinates mean, where that is not plain."""
-    from yolino.datasets.feature_files import FEATURE_WRITERS
-    from yolino.datasets.features import to_features
-    from yolino.io import Result, to_json, write_atomic
-
-    if out.suffix.lower() == ".json":
-        write_atomic(
-            out, to_json(Result(path.as_posix(), raster.size, polylines, header.classes, header.name))
-        )
-        return
-    place = _place(path, raster)
-    if place is None:
-        _say(f"{path} has no place on the map: coordinates and lengths are in pixels.")
-    elif place.crs is None:
-        _say(f"{path} names no coordinate reference system: coordinates are in its units, lengths in pixels.")
-    about = {"image": path.as_posix(), "model": header.name, "licence": header.licence}
-    FEATURE_WRITERS[out.suffix.lower()](out, to_features(polylines, header.classes, place, about))
-
-
-def _place(path: Path, raster: Raster) -> Georeference | None:
-    from yolino.datasets.georeference import read_georeference
-    from yolino.inference.views import ImageRaster
-
-    return None if isinstance(raster, ImageRaster) else read_georeference(path)
 
 
 def _describe_failures(done: Scan, path: Path, folder: Path) -> str:
@@ -270,4 +275,4 @@ def _tell_end(done: Scan, polylines: Polylines, out: Path) -> None:
     typer.echo(f"{done.windows} window{'s' * (done.windows != 1)}{empty}, {count} -> {out}")
 
 
-__all__ = ["SCENE_SUFFIXES", "Scene", "is_scene", "predict_scene"]
+__all__ = ["Scene", "is_scene", "predict_scene", "refuse_for_videos"]

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from yolino.cli.outputs import LINES, ending, video_suffixes
+
 if TYPE_CHECKING:
     from yolino.cli.video_run import Targets
     from yolino.inference import Predictor
     from yolino.inference.tracking import Tracker
-
-LINES = ".jsonl"
 
 
 class Video(NamedTuple):
@@ -56,7 +56,7 @@ def is_video(source: str) -> bool:
 
 def predict_videos(
     sources: Sequence[str],
-    out: Path,
+    out: str | Path,
     options: Video,
     *,
     model: str,
@@ -116,7 +116,7 @@ def predict_videos(
             problems += run()
 
 
-def find_targets(sources: Sequence[str], out: Path, *, pictures: bool) -> list[Targets]:
+def find_targets(sources: Sequence[str], out: str | Path, *, pictures: bool) -> list[Targets]:
     """Gives where the results of each source go.
 
     Args:
@@ -125,22 +125,22 @@ def find_targets(sources: Sequence[str], out: Path, *, pictures: bool) -> list[T
         pictures: Whether to write a video.
 
     Raises:
-        ValueError: If a pattern names no video, a result would replace one, or `out` does not fit.
+        ValueError: If a pattern names no video, a result would replace one, or `out` does not fit or is a
+            file that is there already.
     """
     from yolino.cli.sources import result_names
     from yolino.cli.video_run import Targets
-    from yolino.inference.video_writer import CODECS
 
     every = _expand(sources)
-    suffix = out.suffix.lower()
-    if out.is_dir() or not suffix:
+    suffix, out = ending(out), Path(out)
+    if not suffix:
         names = result_names([_as_path(source) for source in every])
         found = [
             Targets(source, out / f"{name}.mp4" if pictures else None, out / f"{name}{LINES}")
             for source, name in zip(every, names, strict=True)
         ]
-    elif suffix not in (*CODECS, LINES):
-        known = ", ".join((*CODECS, LINES))
+    elif suffix not in video_suffixes():
+        known = ", ".join(video_suffixes())
         raise ValueError(f"--out {out} is neither a folder nor a file in {known}: give another name.")
     elif len(every) > 1:
         raise ValueError(f"--out {out} is one file for {len(every)} videos: give a folder.")
@@ -151,6 +151,8 @@ def find_targets(sources: Sequence[str], out: Path, *, pictures: bool) -> list[T
     else:
         found = [Targets(every[0], out, None)]
     _refuse_overwriting(found)
+    if suffix and out.exists():
+        raise ValueError(f"--out {out} exists already and is not replaced: remove it or give another name.")
     return found
 
 
@@ -190,4 +192,4 @@ def _tracker(predictor: Predictor, smooth: bool) -> Tracker:
     return Tracker(smooth=smooth, births=2 if smooth else 1, directed=predictor.header.directed)
 
 
-__all__ = ["LINES", "Video", "are_videos", "find_targets", "is_video", "predict_videos"]
+__all__ = ["Video", "are_videos", "find_targets", "is_video", "predict_videos"]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from yolino.datasets.features import Features
 from yolino.datasets.geojson_document import Head, to_feature, to_text
-from yolino.datasets.georeference import LON_LAT, crs_name
+from yolino.datasets.georeference import LON_LAT, Georeference, crs_name
 from yolino.io import write_atomic
 
 LAYER = "polylines"
@@ -61,6 +61,30 @@ def write_geopackage(path: Path, features: Features) -> None:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink()
+
+
+def check_place(path: Path, scene: Path, place: Georeference) -> None:
+    """Refuses a file that cannot express where a scene lies, before there is anything to write.
+
+    Args:
+        path: The file, with a suffix in `FEATURE_WRITERS`.
+        scene: The scene.
+        place: Where it lies.
+
+    Raises:
+        ValueError: It is GeoJSON, and no place of the scene can be said in longitude and latitude.
+    """
+    if path.suffix.lower() != ".geojson" or place.crs is None or crs_name(place.crs) is not None:
+        return
+    sides = (np.linspace(0, side, 5) for side in reversed(place.size))
+    for point in np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 1, 2):
+        with contextlib.suppress(ValueError):  # corners of a picture of the globe show the sky
+            place.to_map(point, LON_LAT)
+            return
+    raise ValueError(
+        f"{path} cannot be written: the coordinate reference system of {scene} has no longitude and "
+        "latitude, which GeoJSON needs; give --out a name in .gpkg or .parquet."
+    )
 
 
 def write_geojson(path: Path, features: Features) -> None:
@@ -156,4 +180,4 @@ def _is_degrees(crs: str) -> bool:
     return bool(CRS.from_user_input(crs).is_geographic)
 
 
-__all__ = ["FEATURE_WRITERS", "LAYER", "write_geojson", "write_geopackage", "write_geoparquet"]
+__all__ = ["FEATURE_WRITERS", "LAYER", "check_place", "write_geojson", "write_geopackage", "write_geoparquet"]

@@ -40,24 +40,26 @@ class SceneStore:
 
     Args:
         folder: Where it is; made when something is added.
-        settings: All that the segments depend on. What was found under other settings is removed.
+        settings: All that the segments depend on.
 
     Attributes:
-        changed: Names of the settings under which earlier work was done differently and is lost; empty if
-            there was none, or it goes on.
         chunks: What is done.
 
     Raises:
-        ValueError: The folder holds something else.
+        ValueError: The folder holds something else, or work that was done under other settings.
     """
 
     def __init__(self, folder: Path, settings: Mapping[str, object]) -> None:
         self.folder = folder
         self._settings: dict[str, object] = json.loads(json.dumps(settings))
-        self.changed = self._compare()
-        if self.changed:
+        if changed := self._compare():
+            if any(folder.glob("*.npz")):
+                raise ValueError(
+                    f"Earlier work in {folder} differs in: {', '.join(changed)}. Remove {folder} to begin "
+                    "anew, or go on as before."
+                )
             shutil.rmtree(folder)
-        self.chunks = [] if self.changed else list(filter(None, map(_load, sorted(folder.glob("*.npz")))))
+        self.chunks = list(filter(None, map(_load, sorted(folder.glob("*.npz")))))
         self._next = 1 + max((int(file.stem) for file in folder.glob("*.npz")), default=0)
 
     @property

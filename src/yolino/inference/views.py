@@ -119,7 +119,8 @@ class _Axis(NamedTuple):
     def of(cls, start: int, edge: int, extent: int, scale: float, factor: int) -> _Axis:
         """Plans the pixels from `start` on, of a scene of `extent` pixels that is first reduced."""
         first = min(max(-start, 0), edge)
-        last = min(max(math.ceil(extent * scale - 0.5 - start), first), edge)
+        pixels = max(math.ceil(extent * scale - 0.5), 1)  # less than half a pixel is seen, too
+        last = min(max(pixels - start, first), edge)
         places: Float64[np.ndarray, " n"] = np.arange(first + start, last + start) + 0.5
         if not len(places):
             none = np.zeros(0, np.int64)
