@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 
 class Section(BaseModel):
@@ -66,11 +66,20 @@ class Data(Section):
     root: Path = Path("data")
     size: tuple[int, int] = (320, 640)
     fit: Literal["bottom", "stretch", "letterbox", "window"] = "bottom"
-    scale: float = Field(1.0, gt=0, le=16)
+    scale: float = 1.0
     classes: tuple[str, ...] = ()
     directed: bool = True
     licence: str = "unknown"
     description: str = "unknown"
+
+    @field_validator("size", "scale")
+    @classmethod
+    def _check_range(cls, value: Any) -> Any:
+        if isinstance(value, tuple) and any(edge < 32 or edge % 32 for edge in value):
+            raise ValueError("height and width must be divisible by 32, such as [320, 640]")
+        if isinstance(value, float) and not 0 < value <= 16:  # NaN, too
+            raise ValueError("a number above 0 and at most 16 is needed")
+        return value
 
 
 class Model(Section):
@@ -119,7 +128,7 @@ class Training(Section):
         clip: Largest gradient norm.
         precision: Lightning's precision: `32-true`, `bf16-mixed`, `16-mixed`.
         ema_decay: Decay of the exponential moving average of the weights; 0 trains without.
-        validate_every: Steps between two validations and checkpoints.
+        validate_every: Steps between two validations and checkpoints; the last step is always validated.
         patience: Validations without a better F1 after which training stops early; 0 never stops early.
         workers: Processes that load data.
         seed: Seed of everything random.
@@ -265,9 +274,26 @@ def explain(error: ValidationError, whole: type[BaseModel]) -> str:
     key = ".".join(map(str, location))
     if mistake["type"] == "extra_forbidden":
         allowed = _keys_of(whole, location[:-1])
-        near = difflib.get_close_matches(str(location[-1]), allowed, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        return f"unknown key {key!r}; {hint}Allowed here: {', '.join(allowed)}."
+        return (
+            f"unknown key {key!r}; {suggest(str(location[-1]), allowed)}Allowed here: {', '.join(allowed)}."
+        )
     if mistake["type"] == "missing":
         return f"the key {key!r} is missing."
-    return f"{key} is {mistake['input']!r}: {mistake['msg']}."
+    return f"{key} is {mistake['input']!r}: {mistake['msg'].removeprefix('Value error, ')}."
+
+
+def suggest(name: str, allowed: Iterable[str]) -> str:
+    """Gives `did you mean 'x'? ` for the allowed name nearest to a misspelt one, or nothing."""
+    near = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
+    return f"did you mean {near[0]!r}? " if near else ""
+
+
+def check_keys(section: str, given: Iterable[str], allowed: Iterable[str], *, owner: str = "") -> None:
+    """Raises a ValueError that names the first key of `section` that is not allowed, and the nearest one."""
+    names = list(allowed)
+    for key in given:
+        if key not in names:
+            raise ValueError(
+                f"unknown key '{section}.{key}'{owner and f' of {owner}'}; {suggest(str(key), names)}"
+                f"Allowed here: {', '.join(names) or 'none'}."
+            )

@@ -30,6 +30,12 @@ def test_help_of_every_command_shows_an_example(run: Run, command: list[str]) ->
     assert f"yolino {command[0]} " in out.partition("Example")[2]
 
 
+def test_help_of_evaluate_says_for_what_predictions_are_written(run: Run) -> None:
+    _, out, _ = run("evaluate", "--help")
+    words = " ".join(out.replace("│", " ").split())
+    assert "for TuSimple also for predictions.json" in words
+
+
 def test_the_version_is_printed(run: Run) -> None:
     assert run("--version") == (0, f"yolino {version('yolino')}\n", "")
 

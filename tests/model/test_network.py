@@ -53,6 +53,24 @@ def test_every_backbone_gives_maps_at_8_16_32(backbone):
         assert feature.shape == (1, channels, 64 // stride, 96 // stride)
 
 
+@pytest.mark.parametrize(
+    ("backbone", "arguments", "message"),
+    [
+        (
+            "residual",
+            {"blokcs": [1, 1]},
+            r"'model\.backbone_args\.blokcs' of the backbone residual; .*'blocks'",
+        ),
+        ("residual", {"weights": "x"}, r"'model\.backbone_args\.weights' of the backbone residual"),
+        ("darknet19", {"weihgts": "x"}, r"did you mean 'weights'\?"),
+        ("timm:mobilenetv4_conv_small", {"blokcs": 1}, r"do not fit the backbone timm:mobilenet.*blokcs"),
+    ],
+)
+def test_a_wrong_argument_of_a_backbone_is_a_mistake_in_the_file(backbone, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        build_backbone(backbone, **arguments)
+
+
 def test_the_default_neck_keeps_to_the_budget_of_the_paper():
     # The paper's 187 fps bound the network; 27 M parameters at 16 px, 28 M at 8 px.
     assert count(Network(upsample=0)) == pytest.approx(19.86e6, rel=1e-3)

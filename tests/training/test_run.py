@@ -1,6 +1,7 @@
 """Training learns, is deterministic, and goes on after a kill as if nothing had happened."""
 
 import csv
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,25 @@ class TestRuns:
         )  # the history before the kill is kept
         for name, tensor in whole.items():
             torch.testing.assert_close(tensor, resumed[name], msg=f"{name} differs after the kill")
+
+    def test_the_last_step_is_validated_and_a_run_goes_on_from_it(self, config, tmp_path, caplog):
+        # A warm-up that does not end: else the rates depend on the number of steps.
+        changes = ["training.validate_every=3", "training.warmup_steps=100"]
+        with caplog.at_level("INFO", logger="yolino"):
+            run(config, tmp_path / "parts", "training.steps=2", *changes)
+        assert "step 2: " in caplog.text
+        assert load_checkpoint(tmp_path / "parts" / "tiny" / "best.safetensors")[1].metrics["step"] == 2
+        parts = run(config, tmp_path / "parts", "training.steps=5", *changes)
+        whole = run(config, tmp_path / "whole", "training.steps=5", *changes)
+        for name, tensor in whole.items():
+            torch.testing.assert_close(tensor, parts[name], msg=f"{name} differs after going on")
+
+    def test_lightning_advertises_nothing(self, config, tmp_path, caplog, monkeypatch):
+        caplog.set_level("INFO", logger="lightning.pytorch")  # as before the first run of this process
+        monkeypatch.setattr(logging.getLogger("lightning.pytorch"), "propagate", True)
+        run(config, tmp_path, "training.steps=1")
+        assert "litlogger" not in caplog.text
+        assert "GPU available" not in caplog.text
 
     def test_another_experiment_of_the_same_name_is_refused(self, config, tmp_path):
         run(config, tmp_path)
@@ -251,7 +271,13 @@ def test_sources_are_drawn_by_weight(config, tmp_path):
         ("data.train.0.options.kinds=x", "takes no kinds"),
         ("data.classes=[purple]", "has no classes purple"),
         ("augment.preset=strong", "use one of"),
-        ("augment.options.geometric.spin=3", "do not fit"),
+        (
+            "augment.options.geometric.spin=3",
+            r"'augment\.options\.geometric\.spin'; .*Allowed here: rotation",
+        ),
+        ("augment.options={geometric: {rotatoin_degrees: 3}}", r"did you mean 'rotation_degrees'\?"),
+        ("augment.options.geometry.flip=1", r"did you mean 'geometric'\?"),
+        ("augment.options.lines=3", "must hold keys and values"),
     ],
 )
 def test_mistakes_in_the_data_are_named_before_training(config, tmp_path, change, message):

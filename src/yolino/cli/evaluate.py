@@ -74,7 +74,11 @@ def evaluate(
     ] = "image",
     save: Annotated[
         Path | None,
-        typer.Option("--save", metavar="DIR", help="Folder for a report, pictures and predictions.json."),
+        typer.Option(
+            "--save",
+            metavar="DIR",
+            help="Folder for a report and pictures; for TuSimple also for predictions.json.",
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -7,6 +7,7 @@ All have the face of timm's `features_only` models: `forward` gives a list of ma
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -15,6 +16,8 @@ import timm
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+
+from yolino.config import check_keys
 
 STRIDES = (8, 16, 32)
 
@@ -201,7 +204,7 @@ def build_backbone(
         arguments: Arguments of the backbone.
 
     Raises:
-        ValueError: The name is unknown, or the timm model has other strides.
+        ValueError: The name or an argument is unknown, or the timm model has other strides.
         FileNotFoundError: There is no file of that name.
     """
     if name in BACKBONES:
@@ -209,13 +212,16 @@ def build_backbone(
             raise ValueError(
                 f"backbone {name} has no weights to download; for darknet19 give backbone_args.weights."
             )
-        return BACKBONES[name](**(arguments if weights is None else {**arguments, "weights": weights}))
+        given = arguments if weights is None else {**arguments, "weights": weights}
+        allowed = inspect.signature(BACKBONES[name]).parameters
+        check_keys("model.backbone_args", given, allowed, owner=f"the backbone {name}")
+        return _create(name, BACKBONES[name], **given)
     if not name.startswith("timm:"):
         raise ValueError(f"backbone {name!r} is unknown; use one of {', '.join(BACKBONES)} or timm:NAME.")
     if name[5:] not in timm.list_models():
         raise ValueError(f"timm has no model {name[5:]!r}; timm.list_models() names all, e.g. timm:resnet18.")
-    probe = timm.create_model(name[5:], features_only=True, pretrained=False, **arguments)
-    reduction = probe.feature_info.reduction()
+    probe = _create(name, timm.create_model, name[5:], features_only=True, pretrained=False, **arguments)
+    reduction: list[int] = probe.feature_info.reduction()  # type: ignore[union-attr,operator]
     if not set(STRIDES) <= set(reduction):
         raise ValueError(
             f"timm model {name[5:]!r} gives maps at strides {reduction}, but 8, 16 and 32 are needed."
@@ -225,11 +231,20 @@ def build_backbone(
         if not Path(weights).is_file():
             raise FileNotFoundError(f"There are no weights {weights} for {name}: give a .safetensors file.")
         arguments["pretrained_cfg_overlay"] = {"file": str(weights)}
-    backbone: nn.Module = timm.create_model(
+    return _create(
+        name,
+        timm.create_model,
         name[5:],
         features_only=True,
         pretrained=pretrained or weights is not None,
         out_indices=indices,
         **arguments,
     )
-    return backbone
+
+
+def _create(name: str, build: Callable[..., nn.Module], *positional: str, **arguments: object) -> nn.Module:
+    """Calls what builds the backbone `name`; a TypeError then comes from the arguments in the file."""
+    try:
+        return build(*positional, **arguments)
+    except TypeError as error:
+        raise ValueError(f"model.backbone_args do not fit the backbone {name}: {error}.") from error

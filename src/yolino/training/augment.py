@@ -169,6 +169,9 @@ class Lines:
         check_probabilities(self, "erase")
 
 
+GROUPS: dict[str, type[Any]] = {"geometric": Geometric, "photometric": Photometric, "lines": Lines}
+
+
 class Augment:
     """Turns a sample into a training image of the network's size with its labels in the network frame.
 

@@ -75,6 +75,20 @@ class KeepBest(Callback):
         logger.info("step %d: %s%s", step, text, " (best)" if better else "")
 
 
+class ValidateLast(Callback):
+    """Validates after the very last step, too, where the steps are no multiple of those between validations.
+
+    Otherwise the weights of the last steps were never scored, and a short run left no checkpoint at all.
+    """
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: Any, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Asks Lightning to stop, before which it validates and writes the checkpoint."""
+        if trainer.global_step >= trainer.max_steps:
+            trainer.should_stop = True
+
+
 class Pictures(Callback):
     """Puts pictures of predictions beside labels into TensorBoard."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from jaxtyping import UInt8
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
-from yolino.config import Augmentation, Source
+from yolino.config import Augmentation, Source, check_keys
 from yolino.datasets import Dataset as Annotated
 from yolino.datasets import FileDataset
 from yolino.datasets.description import (
@@ -24,7 +25,7 @@ from yolino.datasets.description import (
     open_split,
 )
 from yolino.grid import Grid
-from yolino.training.augment import PRESETS, Augment
+from yolino.training.augment import GROUPS, PRESETS, Augment
 from yolino.training.targets import CellTargets, Targets, cell_targets, collate
 from yolino.training.windows import Windows
 from yolino.types import Polylines, Sample
@@ -121,7 +122,12 @@ def build_augment(augmentation: Augmentation, size: tuple[int, int], fit: str) -
             f"augmentation preset {augmentation.preset!r} is unknown; use one of {', '.join(PRESETS)}."
         )
     groups: dict[str, Any] = {name: dict(values) for name, values in PRESETS[augmentation.preset].items()}
+    check_keys("augment.options", augmentation.options, [*GROUPS, "fill"])
     for name, changes in augmentation.options.items():
+        if name in GROUPS:
+            if not isinstance(changes, dict):
+                raise ValueError(f"augment.options.{name} is {changes!r}, but must hold keys and values.")
+            check_keys(f"augment.options.{name}", changes, [key.name for key in fields(GROUPS[name])])
         groups[name] = {**groups.get(name, {}), **changes} if isinstance(changes, dict) else changes
     try:
         return Augment(size, fit=fit, **groups)

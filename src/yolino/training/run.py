@@ -27,7 +27,16 @@ from yolino.grid import Grid
 from yolino.io import write_atomic
 from yolino.model.checkpoint import load_checkpoint
 from yolino.training.augment import Augment
-from yolino.training.callbacks import BEST, LAST, AtomicCheckpointIO, KeepBest, Pictures, moving_average
+from yolino.training.callbacks import (
+    BEST,
+    LAST,
+    AtomicCheckpointIO,
+    KeepBest,
+    Pictures,
+    ValidateLast,
+    moving_average,
+)
+from yolino.training.checks import check_experiment
 from yolino.training.data import (
     Batch,
     EndlessSampler,
@@ -119,7 +128,7 @@ def build_trainer(
 ) -> Trainer:
     """Gives Lightning's trainer for an experiment; an epoch is the span between two validations."""
     training = experiment.training
-    every: list[Callback] = [*callbacks]
+    every: list[Callback] = [*callbacks, ValidateLast()]
     if training.ema_decay:
         every.append(WeightAveraging(avg_fn=moving_average(training.ema_decay)))
     every.append(
@@ -144,7 +153,7 @@ def build_trainer(
         plugins=[AtomicCheckpointIO()],
         use_distributed_sampler=False,
         num_sanity_val_steps=0,
-        log_every_n_steps=10,
+        log_every_n_steps=min(10, training.validate_every),
         default_root_dir=folder,
         **changes,
     )
@@ -169,6 +178,7 @@ def train(
         ValueError: A mistake in the file, or an earlier run of that name with other settings.
     """
     experiment = with_licence(load_experiment(config, overrides))
+    check_experiment(experiment)
     folder = experiment.out / experiment.name
     seed_everything(experiment.training.seed, verbose=False)
     if experiment.training.threads:
@@ -188,16 +198,18 @@ def train(
         Pictures(val_loader.dataset, experiment.postprocess.threshold or 0.5),
         KeepBest(experiment, folder),
     ]
+    for name in ("lightning.pytorch", "lightning.fabric"):
+        logging.getLogger(name).setLevel(logging.WARNING)  # advertisements, and what was found or not
     trainer: Trainer = build_trainer(
         experiment, folder, callbacks, enable_progress_bar=progress, enable_model_summary=False
     )
     last = folder / LAST
     if last.is_file():
         logger.info("going on from %s", last)
-    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # tips and what was found or not
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*treespec, LeafSpec.*")
         warnings.filterwarnings("ignore", ".*does not have many workers.*")
+        warnings.filterwarnings("ignore", ".*dataloader is not resumable.*")  # EndlessSampler knows its place
         warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
         try:
             trainer.fit(module, loader, val_loader, ckpt_path=str(last) if last.is_file() else None)
