@@ -11,7 +11,8 @@ import pytest
 import yolino
 from yolino.header import Header
 from yolino.inference import OnnxEngine, Predictor, load
-from yolino.inference.predictor import build_linker, build_nms, model_path
+from yolino.inference.postprocessing import build_linker, build_nms
+from yolino.inference.predictor import model_path
 from yolino.types import Output, Polylines, Segments
 
 

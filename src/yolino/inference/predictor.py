@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple, overload
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from yolino.geometry import transform_points
 from yolino.header import Header
 from yolino.inference.engines import ENGINES, Engine, open_engine
+from yolino.inference.postprocessing import Linker, Suppressor, build_linker, build_nms, build_quarters
 from yolino.inference.preprocess import Preprocess
-from yolino.inference.rotations import QUARTERS, join_views, turn, turn_back, turn_predictors
+from yolino.inference.rotations import join_views, turn, turn_back, turn_predictors
 from yolino.inference.views import ImageRaster, Pixels, view
 from yolino.inference.windows import (
     Window,
@@ -27,12 +28,9 @@ from yolino.inference.windows import (
 )
 from yolino.types import Output, Polylines, Segments
 
-Suppressor = Callable[[Segments], Segments]
-Linker = Callable[[Segments], Polylines]
 Image = NDArray[np.generic]
 
 DEFAULT_THRESHOLD = 0.5
-DEFAULT_LINKER = "graph"
 _UNWANTED = np.float32(-1)  # below every threshold
 _BATCH_PIXELS = 2**20  # of windows in one run: more is not faster, but takes memory
 
@@ -250,50 +248,6 @@ def _map_polylines(polylines: Polylines, matrix: Float[np.ndarray, "3 3"]) -> Po
     return polylines.with_vertices(transform_points(polylines.vertices, matrix))
 
 
-def build_quarters(header: Header) -> tuple[int, ...]:
-    """Gives how far each view of a window is turned, in quarters.
-
-    Raises:
-        ValueError: The model does not see windows, or they are no squares and cannot be turned by a quarter.
-    """
-    rotations = header.postprocess.get("rotations", 1)
-    if rotations > 1 and header.fit != "window":
-        raise ValueError(f"The header's rotations are {rotations}, but only windows are turned.")
-    if rotations == 4 and header.size[0] != header.size[1]:
-        raise ValueError(f"The header's rotations are 4, but windows of {header.size} are no squares: use 2.")
-    return QUARTERS[rotations]
-
-
-def build_nms(header: Header) -> Suppressor:
-    """Gives the NMS that the header describes, for the cells of its network."""
-    from yolino.postprocess import NMS
-
-    arguments = {"directed": header.directed, **header.postprocess.get("nms", {})}
-    try:
-        return NMS(float(header.stride), **arguments)
-    except TypeError as error:
-        raise ValueError(f"The header's nms does not fit NMS: {error}.") from error
-
-
-def build_linker(header: Header) -> Linker:
-    """Gives the linker that the header describes, for the cells of its network."""
-    from yolino.postprocess import LINKERS
-
-    name = header.postprocess.get("linker", DEFAULT_LINKER)
-    if name not in LINKERS:
-        # A name is never imported from a model file: that would run code which its author chose.
-        raise ValueError(
-            f"The model's linker {name!r} is unknown; known are {', '.join(LINKERS)}. "
-            "Give your own to yolino.load(model, linker=...)."
-        )
-    arguments = {"directed": header.directed, **header.postprocess.get("linker_options", {})}
-    try:
-        linker: Linker = LINKERS[name](float(header.stride), **arguments)
-    except TypeError as error:
-        raise ValueError(f"The header's linker_options do not fit the linker {name!r}: {error}.") from error
-    return linker
-
-
 def model_path(model: Path | str) -> Path:
     """Gives the file of a model: that of a packaged one ("default"), or the path given.
 
@@ -340,4 +294,4 @@ def load(
     )
 
 
-__all__ = ["Predictor", "Stages", "build_linker", "build_nms", "load", "model_path"]
+__all__ = ["Predictor", "Stages", "load", "model_path"]

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from yolino.config import Experiment, check_keys, suggest
 from yolino.header import Header
-from yolino.inference.predictor import build_linker, build_nms, build_quarters
+from yolino.inference.postprocessing import build_linker, build_nms, build_quarters
 from yolino.postprocess import LINKERS, NMS
 from yolino.training.callbacks import build_header
 
