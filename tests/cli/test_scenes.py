@@ -244,8 +244,15 @@ def test_windows_that_failed_are_tried_again(
     assert_same_lines(lines_of("a.gpkg"), lines_of("b.gpkg"))
 
 
+# Tests that run in the background inherit that Ctrl-C is ignored; a user's terminal does not ignore it.
+IN_A_TERMINAL = (
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from yolino.cli import main; sys.exit(main(sys.argv[1:]))"
+)
+
+
 def start(*arguments: object) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "yolino.cli", "predict", *map(str, arguments)]
+    command = [sys.executable, "-c", IN_A_TERMINAL, "predict", *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
