@@ -3,6 +3,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
+from striped_model import make_striped_model, striped_header
+
 from .conftest import Run
 
 
@@ -24,3 +28,12 @@ def test_an_unknown_section_is_told(run: Run) -> None:
     code, out, err = run("benchmark", "--only", "everything")
     assert (code, out) == (2, "")
     assert "The section 'everything' of the benchmark is unknown; use one of stages" in err
+
+
+def test_a_model_that_sees_windows_is_refused(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("onnx", reason="onnx builds the model of this test")
+    model = make_striped_model(tmp_path / "striped.onnx", striped_header())
+    code, _, err = run("benchmark", "--model", model, "--only", "stages")
+    assert code == 2
+    assert "striped goes over images in windows" in err
+    assert err.count("\n") == 1

@@ -54,8 +54,17 @@ class Setup:
 
     @cached_property
     def predictor(self) -> Predictor:
-        """The model, with its post-processing."""
+        """The model, with its post-processing.
+
+        Raises:
+            ValueError: The model goes over images in windows: a frame has no single run of the network.
+        """
         predictor = load(self.model, device=self.device, threads=self.threads)
+        if predictor.header.fit == "window":
+            raise ValueError(
+                f"The model {predictor.header.name} goes over images in windows, and the clocks stand "
+                "between the steps of whole frames: measure a model for whole images, or time `yolino predict`."
+            )
         predictor.warm_up()
         return predictor
 
