@@ -63,7 +63,7 @@ class Setup:
         if predictor.header.fit == "window":
             raise ValueError(
                 f"The model {predictor.header.name} goes over images in windows, and the clocks stand "
-                "between the steps of whole frames: measure a model for whole images, or time `yolino predict`."
+                "between the steps of whole frames: give a model for whole images, or time `yolino predict`."
             )
         predictor.warm_up()
         return predictor
