@@ -131,7 +131,7 @@ def write_image(path: str | Path, image: UInt8[np.ndarray, "h w 3"]) -> None:
     """
     suffix = Path(path).suffix
     try:
-        with _quiet():
+        with quiet():
             ok, data = cv2.imencode(suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     except cv2.error:
         ok = False
@@ -271,7 +271,7 @@ def _has_alpha(data: bytes) -> bool:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keeps OpenCV's log lines from standing beside our one sentence."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -283,7 +283,7 @@ def _quiet() -> Iterator[None]:
 
 def _decode(data: bytes, flags: int, path: str | Path) -> Shaped[np.ndarray, "h w *c"]:
     try:
-        with _quiet():
+        with quiet():
             image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
         raise ValueError(f"{path} cannot be decoded: {error.err or error}.") from None

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import cv2
 import numpy as np
 
 from yolino.inference.frames import ASSUMED_RATE, CAMERA, Frame, camera_number, plausible_rate, public_name
+from yolino.io import quiet
 
 
 class OpenCVFrames:
@@ -82,15 +82,4 @@ def _refusal(source: str, live: bool) -> str:
     return f"{source} is damaged or not a video of a known kind."
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Keeps OpenCV's log lines from standing beside our one sentence."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        yield
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-
-
-__all__ = ["OpenCVFrames", "quiet"]
+__all__ = ["OpenCVFrames"]

@@ -16,7 +16,7 @@ from jaxtyping import UInt8
 
 from yolino.inference.frames import ASSUMED_RATE, Frame, has_av
 from yolino.inference.frames_av import import_av
-from yolino.inference.frames_opencv import quiet
+from yolino.io import quiet
 
 CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v", ".avi": "MJPG"}
 """Suffixes of the videos that can be written, with OpenCV's name of the codec."""
