@@ -14,14 +14,15 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from yolino.inference.predictor import Predictor, load
+    from yolino.inference.loading import load
+    from yolino.inference.predictor import Predictor
     from yolino.types import Polylines, Sample, Segments
 
     __version__: str
 
 _HOMES = {
     "Predictor": "yolino.inference.predictor",
-    "load": "yolino.inference.predictor",
+    "load": "yolino.inference.loading",
     "Polylines": "yolino.types",
     "Sample": "yolino.types",
     "Segments": "yolino.types",

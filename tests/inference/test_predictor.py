@@ -11,8 +11,8 @@ import pytest
 import yolino
 from yolino.header import Header
 from yolino.inference import OnnxEngine, Predictor, load
+from yolino.inference.loading import model_path
 from yolino.inference.postprocessing import build_linker, build_nms
-from yolino.inference.predictor import model_path
 from yolino.types import Output, Polylines, Segments
 
 

@@ -12,7 +12,7 @@ from jaxtyping import UInt8
 
 from yolino.datasets.synthetic import Synthetic
 from yolino.inference import Predictor, load
-from yolino.inference.predictor import model_path
+from yolino.inference.loading import model_path
 from yolino.io import read_image, write_image
 
 FRAME_SIZE = (720, 1280)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -112,6 +111,7 @@ def predict(
     ] = None,
 ) -> None:
     """Find the polylines in images; write a JSON file and a picture for each, or one file for a scene."""
+    from yolino.cli.images import predict_images
     from yolino.cli.outputs import check_ending
     from yolino.cli.scenes import Scene, is_scene, predict_scene, refuse_for_videos
     from yolino.cli.video import Video, are_videos, predict_videos
@@ -136,7 +136,7 @@ def predict(
         )
     if is_scene(out, scene, format, pictures=images, view=view):
         return predict_scene(sources, Path(out), scene, model=model, threshold=threshold, device=device)
-    return _predict_images(
+    return predict_images(
         sources,
         model=model,
         threshold=threshold,
@@ -146,43 +146,3 @@ def predict(
         pictures=images is not False,
         view="lines" if view is None else view,
     )
-
-
-def _predict_images(
-    sources: Sequence[str],
-    *,
-    model: str,
-    threshold: float | None,
-    out: Path,
-    format: str,
-    device: str,
-    pictures: bool,
-    view: str,
-) -> None:
-    """Finds the polylines in images; writes their results into a folder."""
-    from yolino.cli.results import Found, ResultWriter, UnreadableError, predict_one, rows, summary
-    from yolino.cli.screen import busy, print_table, report_problems, track
-    from yolino.cli.sources import find_images, result_names
-    from yolino.inference import load
-
-    writer = ResultWriter(out, format, pictures=pictures, view=view)
-    paths, problems = find_images(sources, excluded=out)
-    names = result_names(paths)
-    writer.refuse_overwriting(paths, names)
-    with busy("loading the model (once after an installation, kernels are compiled: up to a minute)"):
-        predictor = load(model, device=device, threshold=threshold)
-        predictor.warm_up()
-    found: list[Found] = []
-    with report_problems(problems):
-        try:
-            for path, name in track(list(zip(paths, names, strict=True)), "predicting"):
-                try:
-                    found.append(predict_one(predictor, path, name, writer))
-                except UnreadableError as error:
-                    problems.append(str(error))
-        finally:  # whoever stops it keeps what was found
-            if found:
-                writer.finish(found)
-        if found:
-            print_table(("image", "polylines", "ms"), rows(found))
-            typer.echo(summary(found, out))

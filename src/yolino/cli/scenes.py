@@ -99,7 +99,7 @@ def predict_scene(
     """
     from yolino.cli.scene_file import find_place, write_scene
     from yolino.cli.screen import busy, report_problems
-    from yolino.inference.predictor import model_path
+    from yolino.inference.loading import model_path
     from yolino.inference.scene import link, scan
     from yolino.inference.scene_raster import open_scene
     from yolino.inference.scene_store import SceneStore
@@ -163,7 +163,7 @@ def _load(
 ) -> Predictor:
     """Gives the predictor, whose fit is "window", for a scene of `size` (height, width)."""
     from yolino.inference import Predictor, open_engine
-    from yolino.inference.predictor import model_path
+    from yolino.inference.loading import model_path
 
     engine = open_engine(model_path(model), device=device)
     header: Header = engine.header

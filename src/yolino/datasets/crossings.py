@@ -6,8 +6,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.types import Polylines
 
 
@@ -59,7 +59,7 @@ def _are_monotone(polylines: Polylines) -> Bool[np.ndarray, " n"]:
     return np.asarray(np.logical_or.reduce(steady))
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _overlap(pieces, spans, order, firsts):
     """Tells which polylines overlap themselves; `firsts` is the first piece of each, then their number."""
@@ -72,7 +72,7 @@ def _overlap(pieces, spans, order, firsts):
     return found
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _folds_back(pieces, start, stop):
     """Tells whether a piece runs back over the one before."""
@@ -84,7 +84,7 @@ def _folds_back(pieces, start, stop):
     return False
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _meets(pieces, spans, order, closed):
     """Tells whether pieces that are no neighbors have a point in common; `order` is that of their spans."""
@@ -101,7 +101,7 @@ def _meets(pieces, spans, order, closed):
     return False
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _meet(a, b):
     """Tells whether two pieces have a point in common."""
@@ -114,7 +114,7 @@ def _meet(a, b):
     return _side(a, b[0]) * _side(a, b[1]) <= 0 and _side(b, a[0]) * _side(b, a[1]) <= 0
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _side(piece, point):
     """Gives 1 or -1 for a point on one or the other side of the line through a piece, 0 on it."""

@@ -7,8 +7,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.datasets.batch import Batch
 from yolino.datasets.report import Occupancy, Size
 from yolino.geometry import clip_polylines, transform_points
@@ -92,7 +92,7 @@ def count_cells(polylines: Polylines, grid: Grid, predictors: int) -> Int[np.nda
     return np.asarray(counted)
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _count(vertices, offsets, images, shape, predictors):
     """Counts for polylines in cell units."""
@@ -109,7 +109,7 @@ def _count(vertices, offsets, images, shape, predictors):
     return totals
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _sum_up(cells, filled, predictors, totals):
     """Adds the cells of one image to the totals and empties them."""
@@ -121,7 +121,7 @@ def _sum_up(cells, filled, predictors, totals):
         cells[cell] = 0
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _walk(line, shape, cells, filled, used):
     """Counts one segment in each cell that a polyline visits, each time; gives how many cells are filled.
@@ -161,7 +161,7 @@ def _walk(line, shape, cells, filled, used):
     return used
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _lines_between(a, b):
     """Gives the number of grid lines strictly between two coordinates, the first from a, and the step."""
@@ -170,14 +170,14 @@ def _lines_between(a, b):
     return (count, lowest, 1.0) if a <= b else (count, highest, -1.0)
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _is_long(ax, ay, bx, by):
     """Tells whether a chord is a segment."""
     return abs(bx - ax) > _SHORTEST or abs(by - ay) > _SHORTEST
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _fill(cell, cells, filled, used):
     if cells[cell] == 0:

@@ -13,8 +13,8 @@ from typing import no_type_check
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.datasets.branches import Branches
 from yolino.types import Polylines
 
@@ -169,7 +169,7 @@ def _finish(line: Float[np.ndarray, "v 2"], tolerance: float) -> Float[np.ndarra
     return line if there <= back else line[::-1]
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _link_pixels(skeleton):
     """Gives row and column of each pixel of the skeleton, and its neighbours, -1 where there are no more.
@@ -204,7 +204,7 @@ def _link_pixels(skeleton):
     return rows, columns, links
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _number_nodes(rows, columns, links):
     """Gives the node of each pixel (-1: none) and their number: free ends, and groups of junction pixels.
@@ -238,7 +238,7 @@ def _number_nodes(rows, columns, links):
     return nodes, count
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _walk(links, nodes):
     """Gives the pixels between the nodes, branch by branch, their offsets, and the nodes at both ends.

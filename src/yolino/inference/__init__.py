@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from yolino.inference.engines import ENGINES, Engine, OnnxEngine, open_engine
-from yolino.inference.predictor import Predictor, Stages, load
+from yolino.inference.loading import load
+from yolino.inference.predictor import Predictor, Stages
 from yolino.inference.preprocess import Preprocess
 
 __all__ = ["ENGINES", "Engine", "OnnxEngine", "Predictor", "Preprocess", "Stages", "load", "open_engine"]

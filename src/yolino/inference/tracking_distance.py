@@ -6,8 +6,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.geometry import cumulative_length
 from yolino.types import Polylines
 
@@ -47,7 +47,7 @@ def compare_polylines(
     return distances, agreements
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _compare(first, second, reach, distances, agreements):
     """Fills in the pairs whose bounding boxes, and one of whose ways, are not too far apart."""
@@ -66,7 +66,7 @@ def _compare(first, second, reach, distances, agreements):
             agreements[i, j] = (along + against) / 2
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _one_way(points, line):
     """Gives the mean distance of points to a line, and the mean cosine of directions there."""

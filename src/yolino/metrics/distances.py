@@ -12,8 +12,8 @@ from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.geometry import clip_polylines, cumulative_length
 from yolino.metrics.metric import Lines
 from yolino.metrics.samples import check_lines, points_inside
@@ -192,7 +192,7 @@ def _near(a: Polylines, b: Polylines, limit: float) -> Bool[np.ndarray, "n m"]:
 # The kernels take plain arrays; no_type_check keeps runtime type checkers from wrapping what numba compiles.
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _chamfer(lines, others, near):
     a, a_offsets = lines
@@ -221,7 +221,7 @@ def _chamfer(lines, others, near):
     return distances
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _frechet(lines, others, near, limit):
     a, a_offsets = lines
@@ -239,7 +239,7 @@ def _frechet(lines, others, near, limit):
     return distances
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _walk(a, b, limit):
     """Gives the squared discrete Frechet distance, infinite where every walk exceeds the squared limit."""

@@ -12,8 +12,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.metrics.samples import Samples
 
 # Squared distances (px^2) and places (px) that differ by less are equal: rounding must not decide between
@@ -76,7 +76,7 @@ def pair_samples(
 # time matters: numba counts references of every row that is taken out.
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _to_bins(points, side):
     """Gives the bins (origin, bins per pixel, rows, columns), where each begins, and the points in them."""
@@ -104,7 +104,7 @@ def _to_bins(points, side):
     return (x0, y0, per, rows, cols), first, members
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _to_table(samples, members):
     """Gives the samples in the order of the bins."""
@@ -118,14 +118,14 @@ def _to_table(samples, members):
     return table
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _span(low, high, count):
     """Gives the bins, first and end, that hold what lies between two places given in bins."""
     return int(min(max(low, 0.0), count)), int(min(max(high + 1, 0.0), count))
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _along(i, query, table):
     """Tells whether sample i points along the query."""
@@ -133,7 +133,7 @@ def _along(i, query, table):
     return (dot if query[5] else abs(dot)) >= query[4]
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _precedes(i, best, query, table):
     """Tells whether sample i goes before the equally close sample best."""
@@ -149,7 +149,7 @@ def _precedes(i, best, query, table):
     return i < best
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _scan(first, end, query, table, nearest):
     """Gives the best sample and its squared distance after looking at some more samples."""
@@ -165,7 +165,7 @@ def _scan(first, end, query, table, nearest):
     return best, squared
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _search(query, table, bins, first, squared):
     """Gives the closest sample, at most the squared distance away, or -1; and its squared distance."""
@@ -188,7 +188,7 @@ def _search(query, table, bins, first, squared):
         reach = min(5 * reach, bound)
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _nearest(queries, samples, radius, cosine, directed):
     points, directions = queries
@@ -214,7 +214,7 @@ def _nearest(queries, samples, radius, cosine, directed):
     return nearest, distances
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _pair(nearest, distances, labels, count):
     partner = np.full(count, -1)

@@ -8,8 +8,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.metrics.metric import Lines
 from yolino.types import Polylines
 
@@ -124,13 +124,13 @@ def check_lines(
 # The kernels take plain arrays; no_type_check keeps runtime type checkers from wrapping what numba compiles.
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _count(length, spacing):
     return max(1, int(length / spacing + 0.5)) if length > 0 else 0
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _clip_axis(start, delta, limit):
     """Gives where (0 to 1) the way from start by delta enters [0, limit], and where it leaves it."""
@@ -140,7 +140,7 @@ def _clip_axis(start, delta, limit):
     return max(min(low, high), 0.0), min(max(low, high), 1.0)
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _clip(vertices, offsets, width, height):
     """Gives start and extent of the part inside of the piece that begins at each vertex, and its length.
@@ -168,7 +168,7 @@ def _clip(vertices, offsets, width, height):
     return pieces, lengths
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _sample(pieces, lengths, offsets, labels, spacing):
     """Gives points, unit directions, labels and owners."""
@@ -196,7 +196,7 @@ def _sample(pieces, lengths, offsets, labels, spacing):
     return points[:row], directions[:row], classes[:row], owners[:row]
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def points_inside(points, polygon):
     """Gives which of the points `(n, 2)` lie inside the polygon `(v, 2)`, by the even-odd rule."""

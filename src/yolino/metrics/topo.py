@@ -25,9 +25,9 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numba import njit
 from scipy.spatial import cKDTree
 
+from yolino.compiled import compiled
 from yolino.metrics.graph import Graph, build_graph, check_scales
 from yolino.metrics.joints import SAME
 from yolino.metrics.metric import Lines, SumMetric
@@ -254,7 +254,7 @@ def _match(
 # some 500 marbles on parallel lanes it did not end.
 
 
-@njit(cache=True)
+@compiled
 @no_type_check
 def _largest_matching(bounds, columns, count):
     """Gives the size of the largest matching of rows, row i with one of columns[bounds[i]:bounds[i + 1]]."""

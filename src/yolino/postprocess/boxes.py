@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from yolino.compiled import compiled
 
 CROWD = 32  # points in one cell from which on boxes pay
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: spreads neighboring numbers
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def is_crowded(keys):
     """Tells whether more than `CROWD` points are in one cell, given their sorted keys."""
@@ -21,7 +22,7 @@ def is_crowded(keys):
     return crowded
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def split_cells(rows, keys, order, epsilon):
     """Sorts the rows of crowded cells by box, and gives where each box starts (and the last stops)."""
@@ -44,7 +45,7 @@ def split_cells(rows, keys, order, epsilon):
     return starts[: count + 1]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _split_cell(rows, order, epsilon):
     """Sorts the rows of one cell (and their order) by box, and gives the sizes of the boxes."""
@@ -65,7 +66,7 @@ def _split_cell(rows, order, epsilon):
     return sizes
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _number_boxes(rows, scale):
     """Gives the box of each row, boxes being 1 / scale wide, and how many there are."""
@@ -92,7 +93,7 @@ def _number_boxes(rows, scale):
     return boxes, count
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def bounds(rows, starts):
     """Gives the low and the high corner of the points of each box."""
@@ -106,7 +107,7 @@ def bounds(rows, starts):
     return lows, highs
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def near(rows, p, q, limit):
     """Tells whether the squared distance of rows p and q is within the limit."""
@@ -117,7 +118,7 @@ def near(rows, p, q, limit):
     return total <= limit  # no way out earlier: a mispredicted branch costs more than the sum
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def gaps(lows, highs, a, b):
     """Gives the squared smallest and largest distance that points of boxes a and b can have."""

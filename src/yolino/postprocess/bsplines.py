@@ -9,10 +9,11 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from yolino.compiled import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def evaluate_basis(knots, parameters, spans, values):
     """Writes the values of the k + 1 B-splines that are not 0 at each of increasing parameters.
@@ -38,7 +39,7 @@ def evaluate_basis(knots, parameters, spans, values):
             values[i, level] = carried
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def curve_point(spans, values, i, coefficients):
     """Gives x and y of the curve where row i of `evaluate_basis` is for."""
@@ -50,7 +51,7 @@ def curve_point(spans, values, i, coefficients):
     return x, y
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def derivative_jumps(knots, degree):
     """Gives for each inner knot how much each coefficient makes the k-th derivative jump there.

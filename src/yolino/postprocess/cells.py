@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from yolino.compiled import compiled
 
 _MANY = 1024  # keys from which on fewer, longer digits sort faster
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def sort_points(points, radius):
     """Gives the points sorted by cell, their order, the keys of their cells and the number of columns."""
@@ -24,7 +25,7 @@ def sort_points(points, radius):
     return rows, order, sorted_keys, columns
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _cell_keys(points, radius):
     """Gives the cell of each point as `row * columns + column`, and the number of columns."""
@@ -44,7 +45,7 @@ def _cell_keys(points, radius):
     return keys, columns
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _widest(points):
     """Gives the two dimensions (or twice the one) in which a sample of the points spreads the most."""
@@ -61,7 +62,7 @@ def _widest(points):
     return first, max(second, 0)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _radix_order(keys):
     """Gives the stable order that sorts keys from 0 on, digit by digit."""
@@ -89,7 +90,7 @@ def _radix_order(keys):
     return order
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def windows(keys, columns):
     """Gives for each item the two runs `[start, stop)` of later items in the 3 x 3 cells around its own.
@@ -114,7 +115,7 @@ def windows(keys, columns):
     return runs
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def neighborhoods(keys, columns):
     """Gives for each item the three runs `[start, stop)` of all items in the 3 x 3 cells around its own.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.chaining import chain_segments
 from yolino.postprocess.inputs import check_not_negative, check_positive, check_segments, segment_arrays
 from yolino.postprocess.outlines import class_votes, outline, smooth_outlines
@@ -99,7 +99,7 @@ class ChainLinker:
         return smooth_outlines(outlines, kept, self._spline, self._cell_size)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _link(endpoints, scores, labels, votes, rules):
     """Gives the outlines of the chains of segments in cell units, see `outline`."""

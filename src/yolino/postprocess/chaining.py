@@ -9,15 +9,15 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.duplicates import find_originals
 from yolino.postprocess.links import match_nodes, segment_nodes, trace_chains
 
 _LOOK_BACK = 3.0  # cells at a chain's end that tell its direction
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def chain_segments(endpoints, scores, votes, rules, weights=None):
     """Gives the chains of segments in cell units, and the segments in the order and direction of the chains.
@@ -64,7 +64,7 @@ def chain_segments(endpoints, scores, votes, rules, weights=None):
     return offsets, rings, lines, means, chances
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _choose(kept, items, flips, offsets, rings):
     """Gives the kept chains."""
@@ -84,7 +84,7 @@ def _choose(kept, items, flips, offsets, rings):
     return items[:filled], flips[:filled], offsets[: count + 1], rings[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _chain_nodes(endpoints, items, flips, offsets, rings):
     """Gives the nodes of chains (see `links`), with the direction of their last cells, and their segments."""
@@ -110,13 +110,13 @@ def _chain_nodes(endpoints, items, flips, offsets, rings):
     return nodes, owners
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _way(endpoints, i):
     return endpoints[i, 1, 0] - endpoints[i, 0, 0], endpoints[i, 1, 1] - endpoints[i, 0, 1]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _concatenate(links, items, flips, offsets, rings):
     """Gives the chains of chains."""
@@ -136,7 +136,7 @@ def _concatenate(links, items, flips, offsets, rings):
     return new_items, new_flips, new_offsets, new_rings
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _turn_to_majority(endpoints, items, flips, offsets):
     """Reverses the chains that run against most of their segments' length."""

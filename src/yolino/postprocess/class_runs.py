@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from yolino.compiled import compiled
 
 _CHANGE = 0.25  # of the shortest run: the votes that a change must win
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def class_runs(lengths, votes, shortest):
     """Gives the class of each segment of a chain, so that each run of one class is long enough.
@@ -47,7 +48,7 @@ def class_runs(lengths, votes, shortest):
     return _read(best, first)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _change(best, first, sums, run, price):
     """Notes where the best labelling before segment `i` has its last change at `cut`."""
@@ -59,7 +60,7 @@ def _change(best, first, sums, run, price):
                 best[i, k], first[i, k] = mass, cut
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _read(best, first):
     """Gives the classes that led to the best sum."""

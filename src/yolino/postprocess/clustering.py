@@ -13,8 +13,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.boxes import bounds, gaps, is_crowded, near, split_cells
 from yolino.postprocess.cells import sort_points, windows
 
@@ -65,7 +65,7 @@ def dbscan(
     return np.asarray(labels)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def cluster(points, epsilon, min_samples, weights):
     """Gives the labels of checked input (at least one point; weights may be empty) and how many clusters."""
@@ -82,14 +82,14 @@ def cluster(points, epsilon, min_samples, weights):
     return labels, count
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def cluster_neighbors(points, epsilon, min_samples):
     """Gives the same for `min_samples` 1 or 2: who has a neighbor is core, so clusters are components."""
     return _number_clusters(_components(points, epsilon), min_samples)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _arrange(points, epsilon):
     """Gives the points sorted by cell and box, their order, and the runs of later boxes around each box.
@@ -103,7 +103,7 @@ def _arrange(points, epsilon):
     return (rows, starts, lows, highs, epsilon * epsilon), order, windows(keys[starts[:-1]], columns)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _components(points, epsilon):
     """Gives a parent of each point, itself or an earlier one; neighbors, and theirs, have the same root."""
@@ -119,7 +119,7 @@ def _components(points, epsilon):
     return parents
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _join_points(space, order, cells, parents):
     """Joins neighbors, the cells swept in their order together with the next row of cells."""
@@ -139,7 +139,7 @@ def _join_points(space, order, cells, parents):
                 q += 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _join_boxes(space, order, pairs, parents):
     """Joins the points of each box, and the boxes that hold neighbors."""
@@ -159,7 +159,7 @@ def _join_boxes(space, order, pairs, parents):
                     root = _join(parents, root, nodes[b])
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _touch(space, a, b):
     """Gives whether a point of box a is within the radius of one of box b."""
@@ -174,7 +174,7 @@ def _touch(space, a, b):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _root(parents, i):
     while parents[i] != i:
@@ -183,7 +183,7 @@ def _root(parents, i):
     return i
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _join(parents, root, i):
     """Joins the tree of i to that of `root`, and gives the root of both: their first point."""
@@ -193,7 +193,7 @@ def _join(parents, root, i):
     return first
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _number_clusters(parents, smallest):
     """Gives the label of each point, and how many; -1 without a root, or alone where two are needed."""
@@ -213,7 +213,7 @@ def _number_clusters(parents, smallest):
     return labels, count
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _core_points(space, pairs, weights, min_samples):
     """Gives for each row whether the weights within the radius sum to `min_samples`."""
@@ -241,7 +241,7 @@ def _core_points(space, pairs, weights, min_samples):
     return sums >= min_samples
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _add_mass(space, boxes, weights, sums, masses):
     """Adds the weights of box b to their neighbors' sums in box a, and tells whether those want more."""
@@ -263,7 +263,7 @@ def _add_mass(space, boxes, weights, sums, masses):
     return wanting
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _label_borders(space, pairs, core, order, labels):
     """Gives each point that is no core point the first cluster among its core neighbors."""

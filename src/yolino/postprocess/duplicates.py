@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.cells import neighborhoods, sort_points
 from yolino.postprocess.sorting import sort_rows
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def find_originals(chains, endpoints, scores, directed, rule):
     """Tells which chains are kept: the strongest, and each that does not lie beside stronger kept ones.
@@ -57,7 +57,7 @@ def find_originals(chains, endpoints, scores, directed, rule):
     return kept
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _measure(endpoints):
     """Gives middle, unit direction and length of each segment."""
@@ -72,7 +72,7 @@ def _measure(endpoints):
     return middles, ways, lengths
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _sum_up(items, offsets, lengths, scores):
     """Gives the chain of each segment, and the strength and the length of each chain."""
@@ -86,7 +86,7 @@ def _sum_up(items, offsets, lengths, scores):
     return owners, strengths, totals
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _beside(measures, i, j, rule):
     """Gives whether segment i lies beside segment j."""

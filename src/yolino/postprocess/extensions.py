@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from yolino.compiled import compiled
 
 _AHEAD = 0.05  # cells that the next point must lie ahead of the junction
 _SAME = 1e-6  # cells
 _WRAP = 8  # points
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def extend_lines(lines, rings, alive, junctions):
     """Gives the lines that are alive from junction to junction, and how arc lengths change.
@@ -52,7 +53,7 @@ def extend_lines(lines, rings, alive, junctions):
     return longer[:filled], offsets, shifts
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def wrap_rings(points, starts, rings):
     """Gives the lines with each ring running on over its seam at both ends, and how far, in arc length.
@@ -79,7 +80,7 @@ def wrap_rings(points, starts, rings):
     return wrapped[:filled], offsets, leads
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _put(longer, begin, filled, x, y):
     """Writes a point unless it is the last one again."""
@@ -89,7 +90,7 @@ def _put(longer, begin, filled, x, y):
     return filled + 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _rotate(line, span, pole, longer, filled):
     """Writes the points of a ring from an arc length on, with the junction there as first and last."""
@@ -112,7 +113,7 @@ def _rotate(line, span, pole, longer, filled):
     return filled + 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _reach(line, span, goals, longer, filled):
     """Writes the points of a line from junction to junction; gives how many there are, and the shift."""
@@ -142,7 +143,7 @@ def _reach(line, span, goals, longer, filled):
     return filled, gained - arcs[low]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _is_ahead(points, i, inner, spot):
     """Tells whether point i, next to the end, lies on the inner side of the junction."""

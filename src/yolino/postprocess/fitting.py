@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.bsplines import curve_point, derivative_jumps, evaluate_basis
 from yolino.postprocess.givens import rotate_in, solve
 from yolino.postprocess.knots import choose_number, insert_knot, place_knots, sum_intervals
@@ -21,7 +21,7 @@ _STEPS = 20  # of the search for the weight of the jumps
 
 
 # What has one caller is inlined (also in `knots` and `spline`): compiling takes a quarter less time.
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def fit_spline(at, points, degree, smoothing):
     """Gives the knots and the coefficients of the smoothing spline.
@@ -62,7 +62,7 @@ def fit_spline(at, points, degree, smoothing):
     return used, coefficients
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _triangulate(data, count):
     """Gives the triangle whose solution are the `count` coefficients of the curve nearest to the points."""
@@ -77,7 +77,7 @@ def _triangulate(data, count):
     return triangle
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _measure(data, coefficients):
     """Writes the squared distance of each point to the curve at its parameter, and gives their sum."""
@@ -91,7 +91,7 @@ def _measure(data, coefficients):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _smooth(data, system, limits):
     """Gives the coefficients of the curve that meets the bound with the smallest jumps.
@@ -137,7 +137,7 @@ def _smooth(data, system, limits):
     return coefficients
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _first_weight(triangle):
     """Gives one over the mean diagonal element that the triangle has if its equations weigh 1."""
@@ -147,7 +147,7 @@ def _first_weight(triangle):
     return len(triangle) / total
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _find_root(a, b, c):
     """Gives where the function (u p + v) / (p + w) through three points is 0; c may be infinitely far."""
@@ -158,7 +158,7 @@ def _find_root(a, b, c):
     return -(pb * pc * wa + pc * pa * wb + pa * pb * wc) / (pa * wa + pb * wb + pc * wc)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _weigh(system, p):
     """Gives the coefficients with the least sum of squared distances and of squared jumps over p^2.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.cells import sort_points, windows
 from yolino.postprocess.sorting import sort_rows
 
@@ -14,7 +14,7 @@ _TINY = 1e-300  # a score of zero still counts among zeros
 _EQUAL = 1e-3  # cells by which gaps must differ to count more than the direction
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def find_successors(endpoints, radius, lowest):
     """Gives the segment whose start is the nearest to each segment's end, -1 for none, and how near it is.
@@ -44,7 +44,7 @@ def find_successors(endpoints, radius, lowest):
     return successors, gaps
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _compare(endpoints, i, j):
     """Tells whether segment j lies ahead of segment i, and gives 1 - cosine of the angle between them."""
@@ -58,7 +58,7 @@ def _compare(endpoints, i, j):
     return ahead, 1 - dot / np.sqrt(squared * other) if ahead else 2.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def cut_cycles(successors, gaps):
     """Takes the widest link out of each cycle of successors, and gives how many cycles there were."""
@@ -81,7 +81,7 @@ def cut_cycles(successors, gaps):
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def leaves_first(successors):
     """Gives an order in which each segment stands before its successor."""
@@ -105,7 +105,7 @@ def leaves_first(successors):
     return order
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def cut_branches(endpoints, links, order, radius):
     """Gives the tree of each segment that is the first of one (-1: not), and how many branches were cut off.
@@ -139,7 +139,7 @@ def cut_branches(endpoints, links, order, radius):
     return trees, count
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _predecessors(successors):
     """Gives where the predecessors of each segment begin in a list (and the last end), and the list."""
@@ -158,7 +158,7 @@ def _predecessors(successors):
     return first, before
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _group_branches(endpoints, branches, behind, depths, radius):
     """Gives the deepest branch that each branch runs beside: itself, or one of which that is not true."""
@@ -176,7 +176,7 @@ def _group_branches(endpoints, branches, behind, depths, radius):
     return groups
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _same_line(endpoints, i, j, behind, radius):
     """Tells whether the line that ends in segment i stays within `radius` of the one that ends in j."""
@@ -194,7 +194,7 @@ def _same_line(endpoints, i, j, behind, radius):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _distance(endpoints, j, x, y):
     """Gives the distance of a point from segment j."""
@@ -205,7 +205,7 @@ def _distance(endpoints, j, x, y):
     return np.sqrt((gx - share * ux) ** 2 + (gy - share * uy) ** 2)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def average_levels(segments, successors, trees, order):
     """Gives the mean segment of each level of each tree, the deepest level first, and the trees' offsets.

@@ -13,10 +13,11 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from yolino.compiled import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def rotate_in(equation, weight, first, triangle):
     """Takes in an equation: its coefficients from column `first` on, then its right sides.
@@ -43,7 +44,7 @@ def rotate_in(equation, weight, first, triangle):
             return
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def solve(triangle):
     """Gives the solution for both right sides, from the last row upwards."""

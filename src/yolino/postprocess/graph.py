@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from yolino.compiled import compiled
 from yolino.postprocess.chaining import chain_segments
 from yolino.postprocess.extensions import extend_lines, wrap_rings
 from yolino.postprocess.inputs import check_not_negative, check_positive, check_segments, segment_arrays
@@ -152,7 +152,7 @@ class GraphLinker:
         return samples, bounds, _even(points, offsets, bounds, leads)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _even(points, offsets, bounds, leads):
     """Gives the arc lengths of samples that lie evenly along lines, from `leads` before their starts on."""
@@ -165,7 +165,7 @@ def _even(points, offsets, bounds, leads):
     return at
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _link(endpoints, scores, labels, votes, rules):
     """Gives the lines of segments, their junctions, and what each line is made of, in cell units."""
@@ -190,7 +190,7 @@ def _link(endpoints, scores, labels, votes, rules):
     return (longer, bounds, rings), (spots, ends, passes), (offsets, (lengths, scores, votes), intervals)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _find_alive(segments, lines, lowest):
     """Tells which lines have length and score enough."""
@@ -207,7 +207,7 @@ def _find_alive(segments, lines, lowest):
     return alive
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _shift(places, old, new, owners):
     """Gives the arc lengths of segments on the extended lines, and moves those of the passes."""

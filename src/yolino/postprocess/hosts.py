@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.cells import neighborhoods, sort_points
 
 _STRETCH = 1.0  # cells of a line that are looked up together
@@ -22,7 +22,7 @@ _SLACK = 0.25  # cells by which an end may miss a piece of a line across a gap
 _CROSS = 0.35  # least sine of the angle at which an end reaches a line across a gap
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def find_hosts(lines, loose, alive, directed, rule):
     """Gives the line that each loose end meets, -1 for none, and the arc length there.
@@ -69,7 +69,7 @@ def find_hosts(lines, loose, alive, directed, rule):
     return hosts, places
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _stretches(points, starts, alive):
     """Gives the middles of short stretches of all pieces between points, the piece and the line of each."""
@@ -95,14 +95,14 @@ def _stretches(points, starts, alive):
     return middles, pieces, owners
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _tip(starts, end):
     c = end >> 1
     return starts[c + 1] - 1 if end & 1 else starts[c]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _outward(points, starts, end):
     """Gives the unit direction that leads out of a line at its end."""
@@ -120,7 +120,7 @@ def _outward(points, starts, end):
     return (x / norm, y / norm) if norm > 0 else (0.0, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _meet(lines, tip, piece, directed, rule):
     """Gives the cost at which an end meets a piece of a line (infinite: none), that line and the place."""

@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.hosts import find_hosts
 from yolino.postprocess.sorting import sort_rows
 from yolino.postprocess.traces import place_at
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def join_lines(lines, rings, alive, directed, rules):
     """Gives the junctions of lines, and marks those that are dropped as no longer alive.
@@ -58,7 +58,7 @@ def join_lines(lines, rings, alive, directed, rules):
     return _locate(lines, alive, ends, passes), ends, passes
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _group(lines, rings, hosts, places, snap):
     """Gives the junction of each end (-1: loose), and the passes.
@@ -109,7 +109,7 @@ def _group(lines, rings, hosts, places, snap):
     return ends, (lines_of[:passes], arcs_of[:passes], nodes)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _root(parents, i):
     while parents[i] != i:
@@ -118,14 +118,14 @@ def _root(parents, i):
     return i
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _unite(parents, i, j):
     i, j = _root(parents, i), _root(parents, j)
     parents[max(i, j)] = min(i, j)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _prune(ends, lines, nodes, alive, marks):
     """Drops the short lines that connect nothing, again and again; tells whether one had met another line."""
@@ -161,7 +161,7 @@ def _prune(ends, lines, nodes, alive, marks):
     return met
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _runs_beside(lines, c, host, places, radius):
     """Tells whether all points of a line lie within the radius of its host between the places of its ends."""
@@ -194,7 +194,7 @@ def _runs_beside(lines, c, host, places, radius):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _locate(lines, alive, ends, passes):
     """Gives the places of the junctions: on the line that passes, else in the middle of the ends."""

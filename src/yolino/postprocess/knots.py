@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import no_type_check
 
-from numba import njit
+from yolino.compiled import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def place_knots(at, degree, count, knots):
     """Writes the knots of a curve without inner ones, or of one that can pass through all points.
@@ -31,7 +31,7 @@ def place_knots(at, degree, count, knots):
         knots[degree + 1 + i] = (at[left] + at[right]) / 2
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def choose_number(last, excess, gain, near):
     """Gives how many knots to add, where the `last` added lowered the sum of squares by `gain`.
@@ -47,7 +47,7 @@ def choose_number(last, excess, gain, near):
     return max(wanted, last // 2, 1)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def sum_intervals(squares, spans, degree, sums):
     """Writes the sum of squares of the points in each interval; a point at a knot is half in either."""
@@ -62,7 +62,7 @@ def sum_intervals(squares, spans, degree, sums):
             sums[interval] += squares[i]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def insert_knot(knots, count, at, intervals):
     """Adds a knot at the middle point of the interval with the largest sum of squares.

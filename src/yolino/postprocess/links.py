@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.cells import sort_points, windows
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def segment_nodes(endpoints):
     """Gives the two nodes of each segment, in the unit of its end points."""
@@ -32,7 +32,7 @@ def segment_nodes(endpoints):
     return nodes
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def match_nodes(nodes, directed, rule, sources=None, weights=None):
     """Gives the partner of each node, -1 for none, and the cost of that link.
@@ -73,7 +73,7 @@ def match_nodes(nodes, directed, rule, sources=None, weights=None):
     return partners, costs
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _find_best(nodes, directed, rule, cells, found, sources, weights):  # noqa: PLR0917 (None is compiled in)
     """Writes the best partner (-1: none) of each node that is left to `best`, and its cost to `least`."""
@@ -96,7 +96,7 @@ def _find_best(nodes, directed, rule, cells, found, sources, weights):  # noqa: 
                     _prefer(best, least, b, a, cost)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _prefer(best, least, a, b, cost):
     """Notes b as the best partner of a if it is; of equal costs the nodes decide, the same way for both."""
@@ -105,7 +105,7 @@ def _prefer(best, least, a, b, cost):
         best[a], least[a] = b, cost
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _link_cost(nodes, a, b, rule):
     """Gives how badly node b continues node a, infinity if not at all.
@@ -139,7 +139,7 @@ def _link_cost(nodes, a, b, rule):
     return abs(along) + lateral_weight * lateral + turn_weight * (1 - cosine)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _unlikeness(sources, a, b, weights):
     """Gives what it costs that the segments of two nodes differ in class and score."""
@@ -153,7 +153,7 @@ def _unlikeness(sources, a, b, weights):
     return weights[0] * max(1 - common, 0.0) + weights[1] * loss
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def trace_chains(partners, costs, directed):
     """Gives the chains that links make of items.
@@ -181,7 +181,7 @@ def trace_chains(partners, costs, directed):
     return items, flips, offsets[: count + 1], closed[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _weakest(partners, costs, first):
     """Gives the node that the most expensive link of a ring leads to."""

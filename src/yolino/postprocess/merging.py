@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.clustering import MAX_SPREAD, cluster_neighbors
 
 # The kernels take plain arrays; no_type_check keeps runtime type checkers from wrapping what numba compiles.
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def measure(endpoints, scales, directed):
     """Gives midpoint, length and unit direction of each segment, and times `scales`: its NMS coordinates.
@@ -36,7 +36,7 @@ def measure(endpoints, scales, directed):
     return measures, points
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def powers(scores, exponent):
     """Gives `scores ** exponent`."""
@@ -46,7 +46,7 @@ def powers(scores, exponent):
     return result
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _power(base, exponent):
     """Gives `base ** exponent`, by squaring where the exponent is a small integer."""
@@ -62,7 +62,7 @@ def _power(base, exponent):
     return result
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def suppress(endpoints, scores, labels, probabilities, settings):
     """Gives the same of the merged segments, and whether labels of one cluster differ.
@@ -77,7 +77,7 @@ def suppress(endpoints, scores, labels, probabilities, settings):
     return merge((endpoints, scores, labels, probabilities), measures, clusters, (power, directed, keep))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def merge(segments, measures, clusters, settings):
     """Gives the segments of `suppress`, given the cluster of each segment and how many there are."""
@@ -111,7 +111,7 @@ def merge(segments, measures, clusters, settings):
     return merged, peaks, chosen, odds, voted
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _decide(sums, odds, chosen):
     """Turns sums of probabilities into means, and chooses the most probable label."""
@@ -123,7 +123,7 @@ def _decide(sums, odds, chosen):
                 chosen[s] = k
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def check(points, scores, epsilon):
     """Raises a ValueError if a number is not finite, a score is negative, or points are too far apart."""
@@ -141,7 +141,7 @@ def check(points, scores, epsilon):
         )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _assign(measures, clusters, scores, keep):
     """Gives the merged segment of each segment (-1: none), and the first, number and best score of each.
@@ -186,7 +186,7 @@ def _assign(measures, clusters, scores, keep):
     return slots, firsts[:total], counts[:total], peaks[:total]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _draw(sums, s, directed, merged):
     """Writes the end points of the mean measures to `merged[s]`; the last sum is that of the weights."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from yolino.compiled import compiled
 from yolino.postprocess.spline import SmoothingSpline
 from yolino.types import Polylines
 
@@ -55,7 +55,7 @@ def smooth_outlines(
     return Polylines(curves * cell_size, sizes, scores[chosen], labels[chosen], probabilities)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def outline(chains, endpoints, scores, votes):
     """Gives the points of polylines: midpoints and both outer end points of each chain (paper, appendix).
@@ -104,7 +104,7 @@ def outline(chains, endpoints, scores, votes):
     return points[:filled], starts, arcs, means, winners, shares
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _collect(endpoints, ring, points, filled):
     """Writes the points of one chain behind the `filled` ones, and gives how many there are then."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.class_runs import class_runs
 from yolino.postprocess.traces import arc_lengths, place_at
 
@@ -22,7 +22,7 @@ _LEVEL = 1e-9  # what is less comes from rounding
 _LIGHT = 1e-12  # added to scores in the weights of classes: where all are zero, lengths alone count
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def cut_curves(curves, lines, joints, segments, rule):
     """Gives the vertices of all pieces, where those of each begin, scores, and the share of each class.
@@ -68,7 +68,7 @@ def cut_curves(curves, lines, joints, segments, rule):
     return vertices[:filled], bounds[: count + 1], means[:count], shares[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _stops(line, joints, passing, segments, rule):
     """Gives arc lengths and places of the stops of one line, in order."""
@@ -100,7 +100,7 @@ def _stops(line, joints, passing, segments, rule):
     return chosen, spot
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _add_changes(own, intervals, shortest, stops, known):
     """Writes the arc lengths where the class changes behind the stops, and gives how many there are."""
@@ -133,7 +133,7 @@ def _add_changes(own, intervals, shortest, stops, known):
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _moves(samples, at, span, stops, places):
     """Gives how far the smooth line must move at each stop; where a place is free, it becomes the line's."""
@@ -148,7 +148,7 @@ def _moves(samples, at, span, stops, places):
     return moves
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _write(curve, span, piece, vertices, filled):
     """Writes the vertices of the piece from stop j on, and gives how many vertices there are."""
@@ -168,7 +168,7 @@ def _write(curve, span, piece, vertices, filled):
     return filled + 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _weigh(own, intervals, stops, known, shares):
     """Gives the score of each piece of a line, the mean by length where gaps count as zero; writes shares."""
@@ -204,7 +204,7 @@ def _weigh(own, intervals, stops, known, shares):
     return means
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _add(sums, shares, length, score, votes):
     """Adds a part of a segment to what is known of a piece."""

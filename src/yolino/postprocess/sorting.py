@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from yolino.compiled import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def sort_rows(rows):
     """Gives the stable order that sorts rows of numbers like words."""
@@ -31,7 +32,7 @@ def sort_rows(rows):
     return order
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _precedes(rows, i, j):
     for k in range(rows.shape[1]):
@@ -40,7 +41,7 @@ def _precedes(rows, i, j):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def sort_segments(endpoints, scores, labels, votes):
     """Gives end points, scores and votes of the segments sorted by end points, scores and labels."""

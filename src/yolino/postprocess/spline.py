@@ -6,8 +6,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.postprocess.bsplines import curve_point, evaluate_basis
 from yolino.postprocess.fitting import fit_spline
 from yolino.postprocess.inputs import check_not_negative, check_positive
@@ -76,7 +76,7 @@ class SmoothingSpline:
         return curves, starts
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _smooth_chains(points, chains, spacing, rule):
     """Gives the samples of the chosen chains, at most `spacing` apart, and where those of each begin."""
@@ -100,7 +100,7 @@ def _smooth_chains(points, chains, spacing, rule):
     return curves, starts
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _leaves(points, curve, margin):
     """Tells whether a curve leaves the box around its points by more than the margin, or is not finite.
@@ -118,7 +118,7 @@ def _leaves(points, curve, margin):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _walk(at, points, even, curve):
     """Writes the places at the arc lengths `even` on the straight pieces between the points."""
@@ -131,7 +131,7 @@ def _walk(at, points, even, curve):
             curve[j, k] = points[i - 1, k] + share * (points[i, k] - points[i - 1, k])
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _smooth_chain(at, points, even, curve, rule):
     """Writes the samples at the arc lengths `even` of one chain, whose points are at the arc lengths `at`.
@@ -154,7 +154,7 @@ def _smooth_chain(at, points, even, curve, rule):
         first = last - _OVERLAP
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _blend(knots, coefficients, parameters, curve, shared):
     """Writes the points of a spline; the `shared` ones that there are already fade over to them."""

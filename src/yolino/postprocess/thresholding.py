@@ -10,8 +10,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float32
-from numba import njit
 
+from yolino.compiled import compiled
 from yolino.types import Segments
 
 _NO_CLASSES = np.zeros((0, 0), np.float32)
@@ -46,7 +46,7 @@ def segments_above(
     return Segments(points, kept, probabilities=None if probabilities is None else shares)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _above(endpoints, scores, probabilities, threshold):
     """Gives end points, scores and probabilities, and whether all end points are finite."""

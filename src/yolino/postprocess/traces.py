@@ -10,14 +10,15 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from yolino.compiled import compiled
 
 _MEET = 0.5  # cells; ends nearer than this are one point, a larger gap is a straight piece
 _AHEAD = 0.05  # cells that a point must lie ahead of the one before
 _SAME = 1e-6  # cells
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def trace_lines(offsets, rings, endpoints):
     """Gives the lines of chains: points, where those of each begin, and what each segment spans of them.
@@ -56,14 +57,14 @@ def trace_lines(offsets, rings, endpoints):
     return points[:filled], starts, spans
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _gap(endpoints, a, b):
     dx, dy = endpoints[b, 0, 0] - endpoints[a, 1, 0], endpoints[b, 0, 1] - endpoints[a, 1, 1]
     return np.sqrt(dx * dx + dy * dy)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _add_link(endpoints, a, b, points, filled):
     """Writes the point (two across a gap) between segments a and b, and gives how many points there are."""
@@ -77,7 +78,7 @@ def _add_link(endpoints, a, b, points, filled):
     return _add(points, filled, (endpoints[b, 0, 0], endpoints[b, 0, 1]), (tx, ty))
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline=True)
 @no_type_check
 def _add(points, filled, place, way):
     """Writes the place behind the filled points if it lies ahead of the last one."""
@@ -89,7 +90,7 @@ def _add(points, filled, place, way):
     return filled + 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _add_end(endpoints, p, points, begin, filled):
     """Writes the end of the last segment in place of the points that do not lie before it."""
@@ -107,7 +108,7 @@ def _add_end(endpoints, p, points, begin, filled):
     return filled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _close(endpoints, seam, points, begin, filled):
     """Makes the last point of a ring its first: half way between the ends, or across a gap the start."""
@@ -124,7 +125,7 @@ def _close(endpoints, seam, points, begin, filled):
     return filled + 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def arc_lengths(points, starts):
     """Gives the arc length from the first point of its line to each point."""
@@ -136,7 +137,7 @@ def arc_lengths(points, starts):
     return arcs
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def place_at(points, arcs, first, stop, arc):
     """Gives the place at an arc length of the line `points[first:stop]`, its end beyond."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from yolino.compiled import compiled
 from yolino.postprocess.forest import average_levels, cut_branches, cut_cycles, find_successors, leaves_first
 from yolino.postprocess.inputs import check_not_negative, check_positive, check_segments, segment_arrays
 from yolino.postprocess.outlines import class_votes, outline, smooth_outlines
@@ -131,7 +131,7 @@ def _turn_upwards(endpoints: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(down[:, None, None], endpoints[:, ::-1], endpoints)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 @no_type_check
 def _link(segments, radii, lowest):
     """Gives the outlines of the trees in cell units, their levels, and the numbers of cycles and branches."""
