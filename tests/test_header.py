@@ -13,6 +13,13 @@ def test_a_header_survives_json(header: Header) -> None:
     assert Header.from_json(full.to_json()) == full
 
 
+def test_files_from_before_there_were_precisions_have_32_bits(header: Header) -> None:
+    values = json.loads(dataclasses.replace(header, precision="int8").to_json())
+    assert Header.from_json(json.dumps(values)).precision == "int8"
+    del values["precision"]
+    assert Header.from_json(json.dumps(values)).precision == "fp32"
+
+
 def test_lists_become_tuples(header: Header) -> None:
     again = Header.from_json(header.to_json())
     assert isinstance(again.size, tuple)
@@ -47,6 +54,8 @@ def test_what_is_no_object_is_refused(text: str) -> None:
         ("classes", [1]),
         ("directed", 1),
         ("fit", "top"),
+        ("precision", "int4"),
+        ("precision", 16),
         ("name", None),
         ("postprocess", []),
         ("postprocess", {"treshold": 0.5}),

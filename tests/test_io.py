@@ -380,7 +380,7 @@ def test_the_size_of_a_png_is_read_from_its_head(tmp_path: Path, monkeypatch: py
     path = tmp_path / "a.png"
     cv2.imwrite(str(path), np.zeros((7, 9), np.uint8))
     whole = path.read_bytes()
-    monkeypatch.setattr("yolino.io.read_image", lambda path: np.zeros((1, 2, 3), np.uint8))
+    monkeypatch.setattr("yolino.decoding.read_image", lambda path: np.zeros((1, 2, 3), np.uint8))
     assert image_size(path) == (7, 9)
     head, rest = whole[:33], whole[33:]
     note = b"hello"

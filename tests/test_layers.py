@@ -49,5 +49,11 @@ def test_importing_yolino_loads_nothing_heavy() -> None:
 def test_detecting_needs_no_torch() -> None:
     rooms = ("inference", "postprocess", "metrics", "datasets", "viz", "evaluate", "io", "grid", "config")
     loaded = _loaded_by("import yolino; yolino.load; import " + ", ".join(f"yolino.{room}" for room in rooms))
-    assert "numba" in loaded
+    assert "cv2" in loaded
     assert not {"torch", "torchvision", "timm", "lightning", "sklearn", "onnx", "safetensors"} & loaded
+
+
+def test_rooms_of_detecting_and_reading_load_no_compiler_and_no_scipy() -> None:
+    """Numba is imported by the first kernel that is compiled, scipy by what needs it."""
+    loaded = _loaded_by("import yolino; yolino.load; import yolino.postprocess, yolino.viz, yolino.datasets")
+    assert not {"numba", "llvmlite", "scipy"} & loaded

@@ -143,3 +143,19 @@ def test_cell_segments_are_indexed_to_cell_segments():
 def test_the_values_and_the_grid_need_no_torch():
     code = "import sys, yolino, yolino.types, yolino.geometry, yolino.grid; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_moved_values_have_as_many_rows():
+    with pytest.raises(ValueError, match="endpoints has 1 rows, but there are 3 segments"):
+        Segments(ENDS).with_endpoints(np.zeros((1, 2, 2)))
+    with pytest.raises(ValueError, match="vertices has 1 rows, but there are 2 vertices"):
+        Polylines.from_list([[(0, 0), (1, 1)]]).with_vertices(np.zeros((1, 2)))
+
+
+def test_trusted_arrays_are_taken_as_they_are():
+    given = Segments(ENDS, [0.1, 0.2, 0.3], [4, 5, 6], [[0.1, 0.9], [0.8, 0.2], [0.4, 0.6]])
+    segments = Segments.trusted(given.endpoints, given.scores, given.labels, given.probabilities)
+    assert vars(segments) == vars(given)
+    lines = Polylines.from_list([[(0, 0), (1, 1)], [(2, 2), (3, 3), (4, 4)]], [0.1, 0.2], [1, 2])
+    twin = Polylines.trusted(lines.vertices, lines.offsets, lines.scores, lines.labels, lines.probabilities)
+    assert all(vars(twin)[name] is array for name, array in vars(lines).items())

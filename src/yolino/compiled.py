@@ -1,13 +1,144 @@
-"""Loops that are compiled to machine code, by numba, and kept on disk."""
+"""Loops in two tiers: plain Python, which begins at once, or machine code, which numba makes and keeps.
+
+Kernels are compiled at their first call, so a program that has much to do needs to do nothing. Where little
+is ahead, `expected` says so: to load compiled kernels takes longer than to run them some times as Python, and
+to compile them, once after an installation, much longer. Both tiers compute the same, to the last bit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+import hashlib
+import logging
+import math
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import CodeType, FunctionType
 from typing import Any, overload
 
-from numba import njit
+import numpy as np
 
 Kernel = Callable[..., Any]
+
+TIERS = ("auto", "compiled", "interpreted")
+VARIABLE = "YOLINO_KERNELS"
+# Candidate segments, of all images together, that plain Python is done with (at about .1 ms each) in the time
+# to load compiled kernels (1.5 s), or in half the time to compile them; and those of a usual image.
+FEW_LOADED, FEW_COMPILED, USUAL = 15_000, 150_000, 700
+
+_log = logging.getLogger(__name__)
+
+
+def _read_choice() -> str:
+    """Gives what `YOLINO_KERNELS` says.
+
+    Raises:
+        ValueError: It is no tier.
+    """
+    choice = os.environ.get(VARIABLE) or TIERS[0]
+    if choice not in TIERS:
+        raise ValueError(f"{VARIABLE} is {choice!r}, but must be one of {', '.join(TIERS)}.")
+    return choice
+
+
+class _State:
+    """What all threads share."""
+
+    choice = _read_choice()
+    interpreted = choice == "interpreted"
+    left: float = math.inf  # candidates until kernels are compiled after all
+
+
+class _Thread(threading.local):
+    """What each thread has: whether it is inside an interpreted kernel."""
+
+    inside = False
+
+
+_thread, _lock = _Thread(), threading.RLock()
+
+
+class _Kernel:
+    """A function in the tier in use. It looks like a dispatcher to numba, so compiled kernels may call it."""
+
+    def __init__(self, function: Kernel, *, inline: bool) -> None:
+        functools.update_wrapper(self, function)
+        self.py_func = function
+        self.targetoptions = {"inline": "always" if inline else "never"}
+        self._dispatcher: Any = None
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        if _State.interpreted:
+            return self._interpret(*arguments, **named)
+        return (self._dispatcher or self.dispatcher)(*arguments, **named)
+
+    def _interpret(self, *arguments: Any, **named: Any) -> Any:
+        if _thread.inside:
+            return self.py_func(*arguments, **named)
+        _thread.inside = True
+        try:
+            with np.errstate(all="ignore"):  # machine code says nothing, either
+                return self.py_func(*arguments, **named)
+        finally:
+            _thread.inside = False
+
+    @property
+    def dispatcher(self) -> Any:
+        """Numba's: for each kind of arguments it loads what is on disk, or compiles."""
+        with _lock:
+            if self._dispatcher is None:
+                from numba import njit
+
+                named = _copy(self.py_func, f"{self.py_func.__qualname__}.{self.fingerprint[:12]}")
+                compile_one = njit(cache=True, error_model="numpy", nogil=True, **self.targetoptions)
+                self._dispatcher = compile_one(named)
+        return self._dispatcher
+
+    @functools.cached_property
+    def fingerprint(self) -> str:
+        """Names the code of the kernel and of all kernels that become part of it.
+
+        Numba looks for a change only in the file of a kernel itself. With this in its name on disk, a kernel
+        is compiled again when one that it calls has changed.
+        """
+        parts = [repr(self.targetoptions)]
+        for code in _codes(self.py_func.__code__):
+            parts += [code.co_code.hex(), *(repr(c) for c in code.co_consts if not isinstance(c, CodeType))]
+            for value in map(self.py_func.__globals__.get, code.co_names):
+                if isinstance(value, _Kernel) and value is not self:
+                    parts.append(value.fingerprint)
+                elif isinstance(value, int | float | str | tuple | np.generic):
+                    parts.append(repr(value))
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    @property
+    def _numba_type_(self) -> Any:
+        return self.dispatcher._numba_type_
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """Yields the code of a function and of what is defined in it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
+
+
+def _copy(function: Kernel, name: str) -> Kernel:
+    """Gives the function under another name, by which numba keeps it on disk."""
+    copy = FunctionType(
+        function.__code__,
+        function.__globals__,
+        function.__name__,
+        function.__defaults__,
+        function.__closure__,
+    )
+    copy.__module__, copy.__doc__, copy.__qualname__ = function.__module__, function.__doc__, name
+    return copy
 
 
 @overload
@@ -19,16 +150,71 @@ def compiled(
 ) -> Kernel | Callable[[Kernel], Kernel]:
     """Marks a function of plain arrays and numbers to be compiled.
 
-    It computes as numpy does (a division by zero gives an infinity) and other threads run meanwhile.
+    It computes as numpy does (a division by zero gives an infinity) and other threads run meanwhile. As plain
+    Python it must give the same: it neither divides Python's own numbers by zero nor counts on integers that
+    overflow.
 
     Args:
         function: The function.
         inline: Whether it becomes part of the functions that call it.
     """
-    compile_one: Callable[[Kernel], Kernel] = njit(
-        cache=True, error_model="numpy", nogil=True, inline="always" if inline else "never"
-    )
-    return compile_one if function is None else compile_one(function)
+    mark = functools.partial(_Kernel, inline=inline)
+    return mark if function is None else mark(function)
 
 
-__all__ = ["Kernel", "compiled"]
+@contextmanager
+def expected(images: int) -> Iterator[bool]:
+    """Says how much is ahead in the block; gives whether kernels are compiled for it.
+
+    They are, unless plain Python is done with so few images before compiled kernels would be loaded, or made
+    where none are kept on disk; see also `reconsider`. The environment variable `YOLINO_KERNELS`, "compiled"
+    or "interpreted", decides otherwise.
+    """
+    affordable = FEW_LOADED if "numba" in sys.modules or are_kept() else FEW_COMPILED
+    few = images * USUAL <= affordable
+    with tier(("interpreted" if few else "compiled") if _State.choice == "auto" else _State.choice):
+        if _State.choice == "auto":
+            _State.left = affordable
+        yield not _State.interpreted
+
+
+def reconsider(candidates: int) -> None:
+    """Counts the candidates of an image; compiles from now on if they were too many for plain Python.
+
+    So nobody waits much longer than with the better tier, whatever the images show.
+    """
+    if not _State.interpreted:
+        return
+    _State.left -= candidates
+    if _State.left < 0:
+        if not are_kept():
+            _log.warning("There are so many segments that kernels are compiled now, which can take a minute.")
+        _State.interpreted = False
+
+
+@contextmanager
+def tier(name: str) -> Iterator[None]:
+    """Runs kernels in the tier "compiled" or "interpreted" in the block, in all threads."""
+    before = _State.interpreted, _State.left
+    _State.interpreted, _State.left = name == "interpreted", math.inf
+    try:
+        yield
+    finally:
+        _State.interpreted, _State.left = before
+
+
+def are_kept() -> bool:
+    """Gives whether compiled kernels are on disk, a guess: numba knows for sure, but loads slowly."""
+    named, package = os.environ.get("NUMBA_CACHE_DIR"), Path(__file__).parent
+    places = [Path(named).glob("postprocess_*")] if named else [package.glob("*/__pycache__"), _user_cache()]
+    return any(True for folders in places for folder in folders for _ in folder.glob("*.nbi"))
+
+
+def _user_cache() -> Iterator[Path]:
+    """Yields the folders where numba keeps the kernels of a package whose folder cannot be written."""
+    home = Path.home()
+    for place in (os.environ.get("XDG_CACHE_HOME") or home / ".cache", home / "Library/Caches"):
+        yield from Path(place, "numba").glob("postprocess_*")
+
+
+__all__ = ["TIERS", "VARIABLE", "Kernel", "are_kept", "compiled", "expected", "reconsider", "tier"]

@@ -55,6 +55,7 @@ class Data(Section):
         fit: How an image is fitted to the input; `window` does not fit it: training draws windows of `size`
             anywhere in it, and the model goes over an image of any size in windows.
         scale: Pixels of the network's input per pixel of the image, for the fit `window`.
+        cache: Whether files are decoded once, into `decoded` below `out`; always so for the fit `window`.
         classes: Names of the classes to predict; empty for a network without classes.
         directed: Whether the direction of a line means something.
         licence: Licence of the training data; written into every model file.
@@ -67,6 +68,7 @@ class Data(Section):
     size: tuple[int, int] = (320, 640)
     fit: Literal["bottom", "stretch", "letterbox", "window"] = "bottom"
     scale: float = 1.0
+    cache: bool = False
     classes: tuple[str, ...] = ()
     directed: bool = True
     licence: str = "unknown"
@@ -114,8 +116,7 @@ class Training(Section):
     """How to optimize.
 
     Attributes:
-        freeze: Parts of the network that keep their weights, statistics included, such as
-            `backbone.conv_stem`; with pretrained weights a good part of the time is saved.
+        freeze: Parts of the network that keep their weights and statistics, such as `backbone.conv_stem`.
         start_from: Checkpoint whose weights training begins with (fine-tuning); none for random weights.
         steps: Optimizer steps in all.
         batch_size: Images per step (and process).
@@ -127,6 +128,7 @@ class Training(Section):
         final_lr: Learning rate at the end, as a share of `lr`.
         clip: Largest gradient norm.
         precision: Lightning's precision: `32-true`, `bf16-mixed`, `16-mixed`.
+        compile: Whether `torch.compile` makes kernels for the network.
         ema_decay: Decay of the exponential moving average of the weights; 0 trains without.
         validate_every: Steps between two validations and checkpoints; the last step is always validated.
         patience: Validations without a better F1 after which training stops early; 0 never stops early.
@@ -149,6 +151,7 @@ class Training(Section):
     final_lr: float = Field(0.01, ge=0, le=1)
     clip: float = Field(10.0, gt=0)
     precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
+    compile: bool = False
     ema_decay: float = Field(0.998, ge=0, lt=1)
     validate_every: int = Field(250, ge=1)
     patience: int = Field(0, ge=0)

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 FITS = ("bottom", "stretch", "letterbox", "window")
+PRECISIONS = ("fp32", "fp16", "int8")
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Header:
             network sees). What is absent has the constructor's default.
         metrics: Validation numbers.
         commit: Git commit of the code that trained the model.
+        precision: How the file's weights are: "fp32", "fp16" (stored with 16 bits) or "int8" (quantized).
     """
 
     version: str
@@ -53,6 +55,7 @@ class Header:
     postprocess: Mapping[str, Any] = field(default_factory=dict)
     metrics: Mapping[str, Any] = field(default_factory=dict)
     commit: str = "unknown"
+    precision: str = "fp32"
 
     def __post_init__(self) -> None:
         if any(edge <= 0 or edge % self.stride for edge in self.size):
@@ -61,6 +64,10 @@ class Header:
             )
         if self.fit not in FITS:
             raise ValueError(f"The header's fit is {self.fit!r}, but must be one of {', '.join(FITS)}.")
+        if self.precision not in PRECISIONS:
+            raise ValueError(
+                f"The header's precision is {self.precision!r}, but must be one of {', '.join(PRECISIONS)}."
+            )
         if self.scale != 1 and self.fit != "window":
             raise ValueError(f'The header\'s scale is {self.scale}, but only the fit "window" has a scale.')
         unknown = sorted(set(self.postprocess) - set(_POSTPROCESS))
@@ -102,7 +109,7 @@ class Header:
         return cls(**{**values, "scale": float(values.get("scale", 1.0))})
 
 
-_NEWER = {"scale"}  # keys that the files of earlier versions lack; their defaults hold
+_NEWER = {"precision", "scale"}  # keys that the files of earlier versions lack; their defaults hold
 
 
 def _is_text(value: object) -> bool:
@@ -171,4 +178,4 @@ def _check_types(values: Mapping[str, object], checks: _Checks, prefix: str = ""
             raise ValueError(f"The header's {prefix}{name} is {value!r}, but must be {wanted}.")
 
 
-__all__ = ["FITS", "Header"]
+__all__ = ["FITS", "PRECISIONS", "Header"]

@@ -7,7 +7,7 @@ unless a name says otherwise (`docs/conventions.md`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -87,6 +87,16 @@ class Segments:
         object.__setattr__(self, "labels", _per_item(labels, n, default=0, name="labels", dtype=np.int64))
         object.__setattr__(self, "probabilities", shares)
 
+    @classmethod
+    def trusted(cls, endpoints: Floats, scores: Floats, labels: Ints, shares: Floats | None) -> Segments:
+        """Gives the segments of arrays that fit by their making: nothing is looked at, converted or copied.
+
+        For what our kernels give: when caches are cold, right after a network, the checks take as long.
+        """
+        made = object.__new__(cls)
+        made.__dict__.update(endpoints=endpoints, scores=scores, labels=labels, probabilities=shares)
+        return made
+
     def __len__(self) -> int:
         return len(self.endpoints)
 
@@ -117,7 +127,10 @@ class Segments:
 
     def with_endpoints(self, endpoints: Float[np.ndarray, "n 2 2"]) -> Segments:
         """Gives the same segments with other end points (another frame, say)."""
-        return replace(self, endpoints=endpoints)
+        points = _floats(endpoints, (-1, 2, 2), "endpoints")
+        if len(points) != len(self):
+            raise ValueError(f"endpoints has {len(points)} rows, but there are {len(self)} segments.")
+        return Segments.trusted(points, self.scores, self.labels, self.probabilities)
 
 
 class Output(NamedTuple):
@@ -180,6 +193,16 @@ class Polylines:
         object.__setattr__(self, "probabilities", shares)
 
     @classmethod
+    def trusted(
+        cls, vertices: Floats, offsets: Ints, scores: Floats, labels: Ints, shares: Floats | None
+    ) -> Polylines:
+        """Gives the polylines of arrays that fit by their making, see `Segments.trusted`."""
+        made = object.__new__(cls)
+        made.__dict__.update(vertices=vertices, offsets=offsets, scores=scores, labels=labels)
+        made.__dict__["probabilities"] = shares
+        return made
+
+    @classmethod
     def from_list(
         cls, lines: Iterable[ArrayLike], scores: ArrayLike | None = None, labels: ArrayLike | None = None
     ) -> Polylines:
@@ -231,7 +254,10 @@ class Polylines:
 
     def with_vertices(self, vertices: Float[np.ndarray, "v 2"]) -> Polylines:
         """Gives the same polylines with other vertex positions (another frame, say)."""
-        return replace(self, vertices=vertices)
+        points = _floats(vertices, (-1, 2), "vertices")
+        if len(points) != len(self.vertices):
+            raise ValueError(f"vertices has {len(points)} rows, but there are {len(self.vertices)} vertices.")
+        return Polylines.trusted(points, self.offsets, self.scores, self.labels, self.probabilities)
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,7 +83,7 @@ def test_every_section_gives_complete_json(name, tiny_model, tmp_path):
         assert set(measured) == KEYS
         assert measured["title"]
         assert measured["value"] is not None
-        assert measured["value"] >= 0 or name in ("stages", "darknet19")
+        assert measured["value"] >= 0 or name in ("stages", "darknet19", "growth")
         assert (measured["target"] is None) == (measured["met"] is None)
     assert (result["model"] is not None) == SECTIONS[name].model
     assert result["machine"]["cpu"]
@@ -141,6 +141,13 @@ def test_mistakes_are_told_in_a_sentence():
         benchmark(only=["nms"], repeats=0)
     with pytest.raises(FileNotFoundError, match=r"nowhere\.onnx does not exist"):
         benchmark("nowhere.onnx", only=["nms", "stages"])
+
+
+def test_the_first_run_of_all_is_timed_too(tiny_model):
+    found = benchmark(str(tiny_model), only=["startup"], quick=True)["sections"]["startup"]["measures"]
+    for key in ("first", "predict"):
+        assert 0 < found[key]["value"] < 60
+        assert (found[key]["bound"], found[key]["target"]) == ("at most", 2.5)
 
 
 def test_what_fails_in_another_process_is_not_swallowed():

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import types
@@ -9,9 +10,11 @@ from typing import Any
 
 import pytest
 
+from yolino.cli.screen import track
+
 from .conftest import Run
 
-COMMANDS = ("predict", "train", "evaluate", "export", "datasets", "benchmark")
+COMMANDS = ("predict", "train", "evaluate", "export", "datasets", "benchmark", "warmup")
 
 
 def test_help_names_the_commands(run: Run) -> None:
@@ -113,8 +116,9 @@ def test_export_and_train_pass_on_what_they_are_told(
 
     written = tmp_path / "model.onnx"
     written.write_bytes(bytes(2_500_000))
+    done = types.SimpleNamespace(files=(written,), size=2_500_000)
     for name, function, result in (
-        ("yolino.export", "export", written),
+        ("yolino.export", "export", done),
         ("yolino.training.run", "train", Path("runs/x/best.safetensors")),
     ):
         module = types.ModuleType(name)
@@ -126,11 +130,10 @@ def test_export_and_train_pass_on_what_they_are_told(
     code, out, _ = run("train", "config.yaml", "name=x", "training.steps=5", "--no-progress")
     assert code == 0
     assert "yolino export runs/x/best.safetensors" in out
+    passed = {"format": "onnx", "precision": None, "out": Path("model.onnx"), "changes": []}
+    assert calls[0][1].pop("progress") is track
     assert calls == [
-        (
-            (Path("best.safetensors"),),
-            {"format": "onnx", "out": Path("model.onnx"), "changes": [], "compact": False},
-        ),
+        (("best.safetensors",), {**passed, "calibration": None}),
         ((Path("config.yaml"), ["name=x", "training.steps=5"]), {"progress": False, "skip_broken": False}),
     ]
 
@@ -144,7 +147,7 @@ def test_help_is_fast_and_loads_no_numpy(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_the_program_predicts_without_torch_and_says_nothing_else(
+def test_the_program_predicts_one_image_with_what_that_needs_and_says_nothing_else(
     model: Path, photo: Path, tmp_path: Path
 ) -> None:
     """The whole thing as a user runs it; `-X importtime` names every module that is loaded."""
@@ -159,11 +162,15 @@ def test_the_program_predicts_without_torch_and_says_nothing_else(
         "--model",
         str(model),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    variables = {key: value for key, value in os.environ.items() if key != "YOLINO_KERNELS"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, env=variables)
     assert done.returncode == 0, done.stderr.splitlines()[-1]
     assert (tmp_path / "yolino-out" / "photo.json").is_file()
     lines = done.stderr.splitlines()
     assert all(line.startswith("import time:") for line in lines)
     loaded = {line.rpartition("|")[2].strip() for line in lines}
-    assert {"cv2", "numba", "yolino.inference.engines"} <= loaded
+    assert {"cv2", "yolino.inference.engines", "yolino.postprocess"} <= loaded
     assert not {"torch", "torchvision", "lightning", "sklearn", "onnx", "matplotlib"} & loaded
+    assert (
+        not {"numba", "llvmlite", "scipy", "openvino", "yolino.datasets", "yolino.metrics", "yaml"} & loaded
+    )

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from yolino.header import Header
-from yolino.inference import ENGINES, Engine, OnnxEngine, open_engine
-from yolino.inference.engines import _quiet_stderr
+from yolino.inference import Engine, OnnxEngine, open_engine
+from yolino.inference.engine import cache_folder
+from yolino.inference.engine_onnxruntime import _provider, _provider_options, _quiet_stderr
+from yolino.inference.engines import SUFFIXES
 
+CPU, CUDA, TENSORRT = "CPUExecutionProvider", "CUDAExecutionProvider", "TensorrtExecutionProvider"
 MakeModel = Callable[..., Path]
 
 
@@ -52,7 +55,7 @@ def test_the_header_comes_with_the_file(tiny_model: Path, header: Header) -> Non
 
 def test_every_engine_has_the_same_face(tiny_model: Path) -> None:
     assert isinstance(open_engine(tiny_model, threads=1), Engine)
-    assert {".onnx", ".safetensors"} <= set(ENGINES)
+    assert set(SUFFIXES) == {".onnx", ".xml", ".safetensors"}
 
 
 def test_images_of_another_size_are_refused(tiny_model: Path) -> None:
@@ -60,7 +63,7 @@ def test_images_of_another_size_are_refused(tiny_model: Path) -> None:
         OnnxEngine(tiny_model)(np.zeros((1, 64, 64, 3), np.uint8))
 
 
-@pytest.mark.parametrize("suffix", ENGINES)
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_missing_file_is_told(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(FileNotFoundError, match=f"nothing{suffix} does not exist"):
         open_engine(tmp_path / f"nothing{suffix}")
@@ -122,7 +125,7 @@ def test_a_header_of_another_size_is_refused(tmp_path: Path, make_model: MakeMod
 
 def test_unknown_suffixes_devices_and_threads_are_refused(tmp_path: Path, tiny_model: Path) -> None:
     (tmp_path / "model.pt").touch()
-    with pytest.raises(ValueError, match=r"'\.pt'; known model files end in \.onnx, \.safetensors"):
+    with pytest.raises(ValueError, match=r"'\.pt'; known model files end in \.onnx, \.xml, \.safetensors"):
         open_engine(tmp_path / "model.pt")
     for opened in (open_engine, OnnxEngine):
         with pytest.raises(ValueError, match="device 'gpu' is unknown; use one of auto, cpu, cuda"):
@@ -135,13 +138,47 @@ def test_cuda_is_refused_where_it_is_not() -> None:
     runtime = pytest.importorskip("onnxruntime")
     if "CUDAExecutionProvider" in runtime.get_available_providers():
         pytest.skip("this ONNX Runtime has CUDA")
-    from yolino.inference.engines import _provider
-
     with pytest.raises(ValueError, match="onnxruntime-gpu"):
-        _provider("cuda", ["CPUExecutionProvider"])
-    assert _provider("auto", ["CPUExecutionProvider"]) == "CPUExecutionProvider"
-    assert _provider("auto", ["CUDAExecutionProvider", "CPUExecutionProvider"]) == "CUDAExecutionProvider"
-    assert _provider("cpu", ["CUDAExecutionProvider", "CPUExecutionProvider"]) == "CPUExecutionProvider"
+        _provider("cuda", "auto", [CPU])
+
+
+def test_the_provider_follows_from_device_and_precision() -> None:
+    every = [TENSORRT, CUDA, CPU]
+    assert _provider("auto", "auto", [CPU]) == CPU
+    assert _provider("auto", "auto", every) == CUDA
+    assert _provider("cpu", "auto", every) == CPU
+    assert _provider("cuda", "fp32", every) == CUDA
+    assert _provider("cuda", "fp16", every) == TENSORRT
+    with pytest.raises(ValueError, match="runs fp16 with TensorRT, which this one lacks"):
+        _provider("cuda", "fp16", [CUDA, CPU])
+
+
+def test_cuda_is_exact_and_tensorrt_keeps_its_programs(
+    tiny_model: Path, class_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("YOLINO_CACHE", str(tmp_path))
+    assert _provider_options(CUDA, tiny_model) == [(CUDA, {"use_tf32": "0"}), (CPU, {})]
+    folders = []
+    for model in (tiny_model, class_model):
+        (first, options), *others = _provider_options(TENSORRT, model)
+        assert first == TENSORRT
+        assert options["trt_fp16_enable"] == options["trt_engine_cache_enable"] == "1"
+        assert [name for name, _ in others] == [CUDA, CPU]
+        folders.append(Path(options["trt_engine_cache_path"]))
+    assert folders[0] != folders[1]  # the weights differ, and the names of the programs do not say so
+    assert all(folder.is_dir() and folder.is_relative_to(tmp_path) for folder in folders)
+
+
+def test_a_cache_that_cannot_be_written_is_left_out(
+    tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("YOLINO_CACHE", str(tmp_path / "file"))
+    assert cache_folder("tensorrt") is None
+    assert _provider_options(TENSORRT, tiny_model)[0] == (TENSORRT, {"trt_fp16_enable": "1"})
+    monkeypatch.delenv("YOLINO_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert cache_folder("tensorrt") == tmp_path / "cache" / "yolino" / "tensorrt"
 
 
 def _fail_quietly() -> None:

@@ -19,6 +19,8 @@ from yolino.types import Output, Polylines, Segments
 class FakeEngine:
     """Says what it was told to say, about every image."""
 
+    name, device, precision, streams = "fake", "cpu", "fp32", 1
+
     def __init__(self, header: Header, output: Output) -> None:
         self.header, self.output, self.batches = header, output, []
 
@@ -146,7 +148,7 @@ def test_a_wrong_array_is_refused(tiny_model: Path) -> None:
 
 def test_an_unknown_model_is_refused_with_what_is_allowed() -> None:
     with pytest.raises(
-        ValueError, match=r"'defualt' is unknown: give .*the path of a file in \.onnx or \.safeten"
+        ValueError, match=r"'defualt' is unknown: give .*the path of a file in \.onnx, \.xml or \.safeten"
     ):
         load("defualt")
 

@@ -73,6 +73,35 @@ def test_tusimple_loses_the_top_80_rows_and_is_halved() -> None:
     np.testing.assert_allclose(transform_points(np.array([[320.0, 160.0]]), to_image), [[640.0, 400.0]])
 
 
+@pytest.mark.parametrize(("factor", "most"), [(2, 0.5), (4, 1.0), (8, 1.5)])
+def test_halving_several_times_is_the_mean_of_blocks_but_for_rounding(factor: int, most: float) -> None:
+    """The slow twin has one rounding; each halving has one of its own."""
+    rng = np.random.default_rng(factor)
+    image = rng.integers(0, 256, (32 * factor, 64 * factor, 3), dtype=np.uint8)
+    fitted, _ = Preprocess((32, 64), "stretch")(image)
+    blocks = image.reshape(32, factor, 64, factor, 3).astype(np.float64).mean(axis=(1, 3))
+    assert np.abs(fitted - blocks).max() <= most + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("size", "fit", "reduction"),
+    [
+        ((720, 1280), "bottom", 2),
+        ((360, 640), "bottom", 1),
+        ((719, 1279), "bottom", 1),  # .5004 is left: less than half the pixels would be there
+        ((1080, 1920), "letterbox", 2),
+        ((2160, 3840), "bottom", 4),
+        ((320, 1280), "stretch", 1),  # the rows are not reduced
+        ((20_000, 20_000), "bottom", 8),
+    ],
+)
+def test_images_are_reduced_by_what_loses_nothing(size: tuple[int, int], fit: str, reduction: int) -> None:
+    preprocess = Preprocess((320, 640), fit)
+    assert preprocess.reduction(size) == reduction
+    scale = np.diag(preprocess.matrix(size))[:2].max()
+    assert scale * reduction <= 1 + 1e-6
+
+
 def test_an_image_of_the_right_size_passes_unchanged() -> None:
     image = np.random.default_rng(0).integers(0, 256, (64, 128, 3), dtype=np.uint8)
     for fit in FITS:

@@ -22,6 +22,6 @@ def test_segments_are_sorted_with_all_that_belongs_to_them() -> None:
     labels, votes = rng.integers(0, 2, 40), rng.random((40, 3))
     order = np.lexsort(np.column_stack([endpoints.reshape(40, 4), scores, labels]).T[::-1])
     for found, given_values in zip(
-        sort_segments(endpoints, scores, labels, votes), (endpoints, scores, votes), strict=True
+        sort_segments(endpoints, scores, labels, votes, 16.0), (endpoints / 16, scores, votes), strict=True
     ):
         np.testing.assert_array_equal(found, given_values[order])

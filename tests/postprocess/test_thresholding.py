@@ -40,3 +40,12 @@ def test_end_points_must_be_finite_only_where_they_are_used() -> None:
     assert len(segments_above(endpoints, scores, None, 0.5)) == 2
     with pytest.raises(ValueError, match="not finite"):
         segments_above(endpoints, scores, None, 0.1)
+
+
+def test_class_probabilities_must_be_finite_too() -> None:
+    shares = np.full((2, 3), 0.3, np.float32)
+    shares[1, 2] = np.nan
+    scores = np.array([0.9, 0.2], np.float32)
+    assert len(segments_above(np.zeros((2, 2, 2), np.float32), scores, shares, 0.5)) == 1
+    with pytest.raises(ValueError, match="not finite"):
+        segments_above(np.zeros((2, 2, 2), np.float32), scores, shares, 0.1)

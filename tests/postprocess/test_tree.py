@@ -46,7 +46,7 @@ def test_the_tree_of_the_papers_figure() -> None:
         assert np.linalg.norm(lines.vertices - point, axis=1).min() < 4.0
     np.testing.assert_allclose(lines.vertices[[0, -1]], [means[0, 0], means[2, 1]], atol=1e-6)
     fine = TreeLinker(16.0, min_segments=3, **EXACT)
-    fine._spline._spacing = 0.001
+    fine._spline = (0.001, *fine._spline[1:])
     for point in through:
         assert np.linalg.norm(fine(Segments(FIGURE, SCORES)).vertices - point, axis=1).min() < 0.02
 

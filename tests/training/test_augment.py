@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from yolino.geometry import fit_matrix, transform_points
 from yolino.inference.preprocess import Preprocess
 from yolino.io import read_image
-from yolino.training.augment import PRESETS, Augment, Geometric, warp
+from yolino.training.augment import PRESETS, Augment, Geometric
+from yolino.training.frames import warp
 from yolino.types import Polylines, Sample
 
 SIZE = (320, 640)

@@ -19,9 +19,10 @@ from yolino.model.network import Network
 from yolino.model.representations import REPRESENTATIONS
 from yolino.training.augment import Augment
 from yolino.training.data import EndlessSampler, Examples, build_augment, build_dataset, collate_examples
+from yolino.training.loaders import build_loaders
 from yolino.training.losses import Criterion
 from yolino.training.module import TrainingModule, learning_rate_factor
-from yolino.training.run import build_loaders, train
+from yolino.training.run import train
 from yolino.types import Polylines, Sample
 
 TEXT = """

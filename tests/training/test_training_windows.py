@@ -11,9 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from yolino.config import load_experiment
-from yolino.training.run import build_loaders
-from yolino.training.windows import PixelCache, Windows
+from yolino.training.cache import PixelCache
+from yolino.training.loaders import build_loaders
+from yolino.training.windows import ScaledImages, Windows
 from yolino.types import Polylines, Sample
+
+UNUSED = PixelCache(Path("unused"))
 
 
 class Tiles:
@@ -39,13 +42,13 @@ class Tiles:
 
 
 def test_the_grid_covers_every_pixel_once_and_ends_with_the_image(tmp_path: Path) -> None:
-    windows = Windows(Tiles(), (64, 64), scale=1.0, cache=tmp_path)
+    windows = Windows(Tiles(), (64, 64), scale=1.0, cache=PixelCache(tmp_path))
     corners = [tuple(windows[i].image[0, 0, :2].tolist()) for i in range(len(windows))]
     assert corners == 2 * [(0, 0), (64, 0), (96, 0), (0, 36), (64, 36), (96, 36)]
 
 
 def test_a_window_shows_the_pixels_and_the_lines_at_its_place(tmp_path: Path) -> None:
-    sample = Windows(Tiles(), (64, 64), scale=1.0, cache=tmp_path)[3]  # left 0, top 36
+    sample = Windows(Tiles(), (64, 64), scale=1.0, cache=PixelCache(tmp_path))[3]  # left 0, top 36
     assert sample.name == "tile_0, window 0,36"
     assert sample.image[5, 7].tolist() == [7, 41, 0]
     assert [line.tolist() for line in sample.polylines] == [[[10.0, 54.0], [150.0, 54.0]]]
@@ -53,12 +56,12 @@ def test_a_window_shows_the_pixels_and_the_lines_at_its_place(tmp_path: Path) ->
 
 
 def test_regions_to_ignore_move_with_the_window(tmp_path: Path) -> None:
-    sample = Windows(Tiles(), (64, 64), scale=1.0, cache=tmp_path)[2]  # left 96, top 0
+    sample = Windows(Tiles(), (64, 64), scale=1.0, cache=PixelCache(tmp_path))[2]  # left 96, top 0
     assert np.array_equal(sample.ignore[0], [[4.0, 0.0], [64.0, 0.0], [64.0, 50.0]])
 
 
 def test_the_scale_shrinks_pixels_and_lines(tmp_path: Path) -> None:
-    sample = Windows(Tiles(), (50, 80), scale=0.5, cache=tmp_path)[0]
+    sample = Windows(Tiles(), (50, 80), scale=0.5, cache=PixelCache(tmp_path))[0]
     assert sample.image.shape == (50, 80, 3)
     # The mean of columns 20 and 21, and of rows 10 and 11.
     assert np.allclose(sample.image[5, 10, :2], [20.5, 10.5], atol=1)
@@ -66,7 +69,7 @@ def test_the_scale_shrinks_pixels_and_lines(tmp_path: Path) -> None:
 
 
 def test_an_image_smaller_than_the_window_is_surrounded_by_what_nobody_knows(tmp_path: Path) -> None:
-    (sample,) = [Windows(Tiles(), (128, 192), scale=1.0, cache=tmp_path)[0]]
+    (sample,) = [Windows(Tiles(), (128, 192), scale=1.0, cache=PixelCache(tmp_path))[0]]
     assert sample.image.shape == (128, 192, 3)
     assert (sample.image[100:] == 114).all()
     assert (sample.image[:, 160:] == 114).all()
@@ -78,7 +81,7 @@ def test_an_image_smaller_than_the_window_is_surrounded_by_what_nobody_knows(tmp
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10_000), near=st.sampled_from([0.0, 1.0]))
 def test_a_drawn_window_shows_its_place_and_its_middle_lies_in_the_image(seed: int, near: float) -> None:
-    windows = Windows(Tiles(), (32, 32), scale=1.0, cache=Path("unused"), margin=2.0, near_lines=near)
+    windows = Windows(Tiles(), (32, 32), scale=1.0, cache=UNUSED, margin=2.0, near_lines=near)
     sample = windows.draw(np.random.default_rng(seed))
     assert sample.image.shape == (64, 64, 3)
     left, top = map(int, sample.name.split()[-1].split(","))
@@ -93,14 +96,14 @@ def test_a_drawn_window_shows_its_place_and_its_middle_lies_in_the_image(seed: i
 
 
 def test_the_same_generator_draws_the_same_window() -> None:
-    windows = Windows(Tiles(), (32, 32), scale=1.0, cache=Path("unused"))
+    windows = Windows(Tiles(), (32, 32), scale=1.0, cache=UNUSED)
     first, second = (windows.draw(np.random.default_rng(3)) for _ in range(2))
     assert first.name == second.name
     assert np.array_equal(first.image, second.image)
 
 
 def test_windows_near_lines_show_lines() -> None:
-    windows = Windows(Tiles(), (32, 32), scale=1.0, cache=Path("unused"), margin=1.0, near_lines=1.0)
+    windows = Windows(Tiles(), (32, 32), scale=1.0, cache=UNUSED, margin=1.0, near_lines=1.0)
     rng = np.random.default_rng(0)
     assert all(len(windows.draw(rng).polylines) for _ in range(50))
 
@@ -108,7 +111,7 @@ def test_windows_near_lines_show_lines() -> None:
 def test_an_image_is_decoded_once(tmp_path: Path) -> None:
     file = tmp_path / "tile.png"
     cv2.imwrite(str(file), Tiles().pixels[..., ::-1])
-    cache = PixelCache(tmp_path / "decoded", 0.5)
+    cache = ScaledImages(PixelCache(tmp_path / "decoded"), 0.5)
     first = np.array(cache(file))
     (kept,) = (tmp_path / "decoded").iterdir()
     kept.write_bytes(kept.read_bytes()[:-3] + b"\x07\x08\x09")
@@ -119,7 +122,7 @@ def test_an_image_is_decoded_once(tmp_path: Path) -> None:
 def test_a_changed_image_is_decoded_anew(tmp_path: Path) -> None:
     file = tmp_path / "tile.png"
     cv2.imwrite(str(file), np.zeros((8, 8, 3), np.uint8))
-    cache = PixelCache(tmp_path / "decoded", 1.0)
+    cache = ScaledImages(PixelCache(tmp_path / "decoded"), 1.0)
     assert (cache(file) == 0).all()
     cv2.imwrite(str(file), np.full((8, 10, 3), 200, np.uint8))
     assert (cache(file) == 200).all()
@@ -127,7 +130,7 @@ def test_a_changed_image_is_decoded_anew(tmp_path: Path) -> None:
 
 def test_a_missing_image_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"no\.png"):
-        PixelCache(tmp_path, 1.0)(tmp_path / "no.png")
+        ScaledImages(PixelCache(tmp_path), 1.0)(tmp_path / "no.png")
 
 
 def test_an_experiment_with_windows_gives_batches_of_them(tmp_path: Path) -> None:

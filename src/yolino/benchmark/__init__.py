@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from yolino.benchmark.plot import plot
 from yolino.benchmark.report import report
 from yolino.benchmark.run import SECTIONS, benchmark
+from yolino.benchmark.saved import read_result
+from yolino.benchmark.summary import summary
 
-__all__ = ["SECTIONS", "benchmark", "report"]
+__all__ = ["SECTIONS", "benchmark", "plot", "read_result", "report", "summary"]

@@ -43,6 +43,8 @@ class _ClockedEngine(_Clocked):
     def __init__(self, engine: Engine, clock: list[float], instead: Output | None) -> None:
         super().__init__(engine, clock)
         self.header, self._instead = engine.header, instead
+        self.name, self.device, self.precision = engine.name, engine.device, engine.precision
+        self.streams = engine.streams
 
     def __call__(self, value: Any, /) -> Any:
         result = super().__call__(value)
@@ -95,10 +97,39 @@ def made_up_output(predictor: Predictor, rng: np.random.Generator) -> Output:
     return as_output(candidates, cells * header.predictors, predictor.threshold, len(header.classes))
 
 
-def bare_network(predictor: Predictor, image: UInt8[np.ndarray, "h w 3"]) -> Callable[[], object]:
-    """Gives the network alone, on the input that the image makes."""
-    batch = predictor.preprocess(image)[0][None]
+def bare_network(
+    predictor: Predictor, image: UInt8[np.ndarray, "h w 3"], *, count: int = 1
+) -> Callable[[], object]:
+    """Gives the network alone, on the input that the image makes, `count` times."""
+    batch = np.repeat(predictor.preprocess(image)[0][None], count, axis=0)
     return lambda: predictor.engine(batch)
 
 
-__all__ = ["CANDIDATES", "STEPS", "ClockedFrame", "bare_network", "made_up_output"]
+def whole_batch(
+    predictor: Predictor, image: UInt8[np.ndarray, "h w 3"], count: int, instead: Output | None = None
+) -> Callable[[], object]:
+    """Gives the whole way of a batch of the image through a predictor.
+
+    Args:
+        predictor: The steps.
+        image: RGB pixels.
+        count: Images in the batch.
+        instead: What the post-processing gets for each image in place of the network's output.
+    """
+    several = None if instead is None else _repeat(instead, count)
+    engine = _ClockedEngine(predictor.engine, [], several)
+    batched = Predictor(engine, predictor.header, threshold=predictor.threshold, batch_size=count)
+    images = [image] * count
+    return lambda: batched(images)
+
+
+def _repeat(output: Output, count: int) -> Output:
+    shares = output.probabilities
+    return Output(
+        np.repeat(output.endpoints, count, axis=0),
+        np.repeat(output.scores, count, axis=0),
+        None if shares is None else np.repeat(shares, count, axis=0),
+    )
+
+
+__all__ = ["CANDIDATES", "STEPS", "ClockedFrame", "bare_network", "made_up_output", "whole_batch"]

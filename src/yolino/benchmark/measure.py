@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import Any, Literal
@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from yolino.benchmark.clock import Times
+from yolino.benchmark.curves import Curve
 
 Bound = Literal["at least", "at most", "equal to"]
 _MILLI = 1e3
@@ -76,12 +77,14 @@ class Section:
         about: How they were taken, and what the others are that they are compared with.
         measures: The measures, by a name that stays the same.
         not_measured: Why there are none, or an empty text.
+        curves: How costs grow with size.
     """
 
     title: str
     about: str
     measures: Mapping[str, Measure] = field(default_factory=dict)
     not_measured: str = ""
+    curves: Sequence[Curve] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Gives the section as JSON has it."""
@@ -90,6 +93,7 @@ class Section:
             "about": self.about,
             "not_measured": self.not_measured or None,
             "measures": {name: measure.to_dict() for name, measure in self.measures.items()},
+            "curves": [curve.to_dict() for curve in self.curves],
         }
 
 
@@ -133,7 +137,10 @@ def _of_values(title: str, values: np.ndarray, unit: str, target: Target | None,
     return Measure(title, middle, unit, low, high, target, note)
 
 
-_EXTRAS = {"sklearn": "pip install scikit-learn"}
+_EXTRAS = {
+    "sklearn": "pip install scikit-learn",
+    "openvino": "needs yolino[openvino], pip install 'yolino[openvino]'",
+}
 
 
 def lacking(*modules: str) -> str:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from packaging.requirements import Requirement
@@ -18,13 +21,15 @@ import yolino
 from yolino.benchmark.clock import Times
 from yolino.benchmark.measure import Measure, Section, Target, at_most
 from yolino.benchmark.setup import Setup
+from yolino.compiled import VARIABLE
 
 _RUNS = 5
 _MEGA = 1e6
 STARTUP = (
-    f"Each number comes from fresh Python processes (median of {_RUNS}), with compiled kernels in numba's "
-    "cache. Peak memory is what the system has counted for the process of `yolino predict` on the frame "
-    "(with its picture written)."
+    f"Each number comes from fresh Python processes (median of {_RUNS}); the files they read are in the "
+    "system's cache. `yolino predict` goes over the frame, whose picture it writes, from start to end: as in "
+    "the first run of all, with an empty folder in place of numba's cache; later, with that cache; and with "
+    "compiled kernels, which many images have. Peak memory is what the system has counted for its process."
 )
 INSTALL = "The files of yolino and of all distributions that it requires without extras, as installed here."
 # The peak of a process that was started by a large one: getrusage counts the parent's memory, /proc does not.
@@ -52,24 +57,50 @@ def measure_startup(setup: Setup) -> Section:
     runs = 1 if setup.quick else _RUNS
     imports = [float(_python(_IMPORT.format("import yolino"))) for _ in range(runs)]
     rooms = [float(_python(_IMPORT.format(_DETECT))) for _ in range(runs)]
-    arguments = ["predict", str(setup.jpeg), "--model", setup.model, "--device", setup.device]
-    arguments += ["--out", str(setup.folder / "predicted")]
-    peaks, walls = [], []
-    warm_up = 0 if setup.quick else 1
-    for _ in range(warm_up + runs):
-        start = time.perf_counter()
-        result = json.loads(_python(_PEAK, *arguments).splitlines()[-1])
-        walls.append(time.perf_counter() - start)
-        if result["code"] != 0:
-            raise RuntimeError(f"`yolino {' '.join(arguments)}` ended with exit code {result['code']}.")
-        peaks.append(result["bytes"] / _MEGA)
+    with tempfile.TemporaryDirectory() as empty:
+        first = [_predict(setup, NUMBA_CACHE_DIR=empty) for _ in range(runs)]
+    later = [_predict(setup) for _ in range(runs)]
+    peaks = [run.megabytes for run in later]
     measures = {
         "import": _values("import yolino", imports, "s", at_most(1.5)),
         "import_detect": _values("import yolino and all that detecting needs", rooms, "s", at_most(1.5)),
-        "predict": _values("yolino predict, from start to end", walls[warm_up:], "s", None),
-        "memory": _values("peak memory of yolino predict", peaks[warm_up:], "MB", at_most(600)),
+        "first": _values("yolino predict, first run of all", _seconds(first), "s", at_most(2.5)),
+        "predict": _values("yolino predict, later", _seconds(later), "s", at_most(2.5)),
+        "memory": _values("peak memory of yolino predict", peaks, "MB", at_most(600)),
     }
+    if not setup.quick:  # which may have to compile them
+        _predict(setup, YOLINO_KERNELS="compiled")
+        compiled = [_predict(setup, YOLINO_KERNELS="compiled") for _ in range(runs)]
+        title = "yolino predict with compiled kernels"
+        measures["compiled"] = _values(title, _seconds(compiled), "s", None)
     return Section("Start and memory", STARTUP, measures)
+
+
+class _Run(NamedTuple):
+    """What a process of `yolino predict` took."""
+
+    seconds: float
+    megabytes: float
+
+
+def _predict(setup: Setup, **variables: str) -> _Run:
+    """Runs `yolino predict` on the frame in a process with these environment variables.
+
+    Raises:
+        RuntimeError: It fails.
+    """
+    arguments = ["predict", str(setup.jpeg), "--model", setup.model, "--device", setup.device]
+    arguments += ["--out", str(setup.folder / "predicted")]
+    start = time.perf_counter()
+    result = json.loads(_python(_PEAK, *arguments, **variables).splitlines()[-1])
+    seconds = time.perf_counter() - start
+    if result["code"] != 0:
+        raise RuntimeError(f"`yolino {' '.join(arguments)}` ended with exit code {result['code']}.")
+    return _Run(seconds, result["bytes"] / _MEGA)
+
+
+def _seconds(runs: list[_Run]) -> list[float]:
+    return [run.seconds for run in runs]
 
 
 def measure_install(setup: Setup) -> Section:
@@ -120,14 +151,15 @@ def _folder_size(folder: Path) -> float:
     return sum(path.stat().st_size for path in paths) / _MEGA
 
 
-def _python(code: str, *arguments: str) -> str:
-    """Gives what a fresh Python prints.
+def _python(code: str, *arguments: str, **variables: str) -> str:
+    """Gives what a fresh Python prints, where no tier of the kernels is forced but by `variables`.
 
     Raises:
         RuntimeError: It fails; the message has the last line of what it complains about.
     """
     command = [sys.executable, "-c", code, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    environment = {key: value for key, value in os.environ.items() if key != VARIABLE} | variables
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode != 0:
         reason = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
         raise RuntimeError(f"A Python process of the benchmark failed: {reason}")

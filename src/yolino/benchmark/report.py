@@ -23,6 +23,8 @@ def report(result: dict[str, Any]) -> str:
             lines.append(_capital(section["not_measured"]))
         else:
             lines += [section["about"], "", *_table(list(section["measures"].values()))]
+            for curve in section.get("curves", ()):
+                lines += ["", *_curve(curve)]
         blocks.append("\n".join(lines))
     return "\n\n".join([*blocks, _summary(result["targets"])])
 
@@ -53,7 +55,7 @@ def _table(measures: Sequence[dict[str, Any]]) -> list[str]:
     rows = [
         (
             measured["title"],
-            _number(measured["value"], measured["unit"]),
+            number(measured["value"], measured["unit"]),
             _range(measured),
             _target(measured),
             _WORDS[measured["met"]],
@@ -64,6 +66,22 @@ def _table(measures: Sequence[dict[str, Any]]) -> list[str]:
     widths = [max(len(row[i]) for row in [_HEADER, *rows]) for i in range(len(_HEADER))]
     line = [_row(_HEADER, widths), "|-" + "-|-".join("-" * width for width in widths) + "-|"]
     return line + [_row(row, widths) for row in rows] + (["", *notes] if notes else [])
+
+
+def _curve(curve: dict[str, Any]) -> list[str]:
+    """Gives a curve as a table with a column for each size, under the exponents."""
+    costs = {"time": curve["exponent"], "memory": curve["memory_exponent"]}
+    grown = [f"{cost} ~ n^{value:.2f}" for cost, value in costs.items() if value is not None]
+    points = curve["points"]
+    rows = [
+        [curve["x"], *(point["label"] or f"{point['value']:,.0f}" for point in points)],
+        [curve["unit"], *(_digits(point["median"]) for point in points)],
+        ["MB", *("-" if p["megabytes"] is None else f"{p['megabytes']:.1f}" for p in points)],
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    line = "|-" + "-|-".join("-" * width for width in widths) + "-|"
+    head, *body = (_row(row, widths) for row in rows)
+    return [": ".join([f"**{curve['title']}**", *[", ".join(grown)] * bool(grown)]), "", head, line, *body]
 
 
 def _row(cells: Sequence[str], widths: Sequence[int]) -> str:
@@ -79,10 +97,11 @@ def _range(measured: dict[str, Any]) -> str:
 def _target(measured: dict[str, Any]) -> str:
     if measured["target"] is None:
         return ""
-    return f"{_SIGNS[measured['bound']]} {_number(measured['target'], measured['unit'])}".strip()
+    return f"{_SIGNS[measured['bound']]} {number(measured['target'], measured['unit'])}".strip()
 
 
-def _number(value: float | bool | None, unit: str) -> str:
+def number(value: float | bool | None, unit: str) -> str:
+    """Gives a value with its unit, in three significant digits."""
     if value is None:
         return "-"
     if isinstance(value, bool):
@@ -110,4 +129,4 @@ def _capital(text: str) -> str:
     return text[:1].upper() + text[1:] + "."
 
 
-__all__ = ["report"]
+__all__ = ["number", "report"]

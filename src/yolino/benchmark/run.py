@@ -36,6 +36,10 @@ class Entry(NamedTuple):
 
 SECTIONS: dict[str, Entry] = {
     "stages": Entry("One frame, step by step", "stages", model=True),
+    "roofline": Entry("The most that this machine can do", "roofline", needs=("openvino",)),
+    "engines": Entry("The model on every engine", "engines", model=True),
+    "paper": Entry("Darknet-19 on every engine", "paper", needs=("torch", "onnx")),
+    "files": Entry("JPEG files to polylines", "files", model=True),
     "darknet19": Entry("The model beside Darknet-19", "darknet", needs=("torch", "onnx"), model=True),
     "nms": Entry("NMS beside scikit-learn", "nms"),
     "linking": Entry("Linking and spline", "linking"),
@@ -45,6 +49,7 @@ SECTIONS: dict[str, Entry] = {
     "matching": Entry("Matching beside loops", "training", "measure_matching", needs=("torch",)),
     "training": Entry("Matching and loss in training", "training", "measure_training", needs=("torch",)),
     "loading": Entry("JPEG file to training tensor", "loading", needs=("torch", "torchvision")),
+    "growth": Entry("Growth", "growth", model=True),
     "startup": Entry("Start and memory", "process", "measure_startup", model=True),
     "install": Entry("Installation", "process", "measure_install"),
 }
@@ -54,6 +59,8 @@ def benchmark(
     model: str = "default",
     device: str = "auto",
     *,
+    engine: str = "auto",
+    precision: str = "auto",
     repeats: int = 30,
     image: Path | str | None = None,
     only: Sequence[str] | None = None,
@@ -68,6 +75,8 @@ def benchmark(
     Args:
         model: "default" or a model file.
         device: Where the network runs: "auto", "cpu" or "cuda".
+        engine: What runs the model, where a section does not take every engine.
+        precision: In which arithmetic, likewise.
         repeats: Largest number of rounds; a race that takes longer than 10 s ends after three or more.
         image: Image file of the frame; a drawn road of 720x1280 by default.
         only: Names in `SECTIONS`; all by default.
@@ -94,6 +103,8 @@ def benchmark(
             Path(folder),
             model=str(model),
             device=device,
+            engine=engine,
+            precision=precision,
             threads=count,
             repeats=min(repeats, 2) if quick else repeats,
             seconds=0.0 if quick else 10.0,

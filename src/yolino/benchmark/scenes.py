@@ -72,7 +72,22 @@ def noisy_candidates(
     if size is None:
         size = (round(SIZE[0] * scale), round(SIZE[1] * scale))
     lanes = converging_lanes(rng, size, max(round(LANES * scale), 2), nearest=0.08)
-    pieces = true_segments(lanes, size, stride).endpoints
+    return candidates_around(rng, lanes, count, size, stride)
+
+
+def candidates_around(
+    rng: np.random.Generator, lines: Polylines, count: int, size: tuple[int, int], stride: int
+) -> Segments:
+    """Gives candidates around the pieces of lines, a tenth of them clutter, in any order.
+
+    Args:
+        rng: Source of all randomness.
+        lines: What there is to see, in pixels.
+        count: Number of candidates.
+        size: `(height, width)` of the picture in pixels.
+        stride: Side of a cell in pixels.
+    """
+    pieces = true_segments(lines, size, stride).endpoints
     clutter = round(_CLUTTER * count)
     chosen = pieces[rng.integers(len(pieces), size=count - clutter)]
     noisy = chosen + rng.normal(0, _NOISE_CELLS * stride, chosen.shape)
@@ -115,6 +130,7 @@ __all__ = [
     "SIZE",
     "STRIDE",
     "as_output",
+    "candidates_around",
     "converging_lanes",
     "heaped_candidates",
     "noisy_candidates",

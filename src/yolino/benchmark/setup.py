@@ -26,7 +26,10 @@ class Setup:
         folder: Where files may be written meanwhile.
         model: "default" or a model file.
         device: "auto", "cpu" or "cuda".
+        engine: What runs the model, and
+        precision: in which arithmetic (`yolino.inference.EngineChoice`).
         threads: Threads of the network, OpenCV and torch.
+        streams: Callers of the network at once.
         repeats: Largest number of rounds of a race.
         seconds: Time after which a race starts no further round.
         quick: Whether to take tiny inputs, to see that everything runs; the numbers mean nothing then.
@@ -36,7 +39,10 @@ class Setup:
     folder: Path
     model: str = "default"
     device: str = "auto"
+    engine: str = "auto"
+    precision: str = "auto"
     threads: int = 1
+    streams: int = 1
     repeats: int = 30
     seconds: float = 10.0
     quick: bool = False
@@ -46,6 +52,11 @@ class Setup:
     def pace(self) -> dict[str, Any]:
         """The arguments of a race."""
         return {"rounds": self.repeats, "seconds": self.seconds}
+
+    @property
+    def batch(self) -> int:
+        """Images in a batch: what keeps the device busy."""
+        return 2 if self.quick else 64 if self.device == "cuda" else 8
 
     @property
     def rng(self) -> np.random.Generator:
@@ -59,7 +70,9 @@ class Setup:
         Raises:
             ValueError: The model goes over images in windows: a frame has no single run of the network.
         """
-        predictor = load(self.model, device=self.device, threads=self.threads)
+        predictor = load(
+            self.model, engine=self.engine, device=self.device, precision=self.precision, threads=self.threads
+        )
         if predictor.header.fit == "window":
             raise ValueError(
                 f"The model {predictor.header.name} goes over images in windows, and the clocks stand "
@@ -79,7 +92,9 @@ class Setup:
 
     @cached_property
     def jpeg(self) -> Path:
-        """The frame as a JPEG file."""
+        """The frame as a JPEG file: the one that was given, if it is one."""
+        if self.image is not None and self.image.suffix.lower() in (".jpg", ".jpeg"):
+            return self.image
         path = self.folder / "frame.jpg"
         write_image(path, self.frame)
         return path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterator
 from time import perf_counter
 from typing import Any
@@ -13,6 +14,7 @@ from torch import Tensor
 
 from yolino.benchmark.baselines.loop_matching import Pairs, match_cell_by_cell, match_pair_by_pair
 from yolino.benchmark.clock import race
+from yolino.benchmark.loading import jpeg_batches, jpeg_files
 from yolino.benchmark.measure import (
     TRUE,
     Measure,
@@ -28,11 +30,13 @@ from yolino.benchmark.setup import Setup
 from yolino.grid import Grid
 from yolino.model.network import Network, Prediction
 from yolino.model.representations import CartesianPoints
+from yolino.training.data import to_device
 from yolino.training.losses import Criterion
 from yolino.training.matching import Matches, match
+from yolino.training.module import fuses
 from yolino.training.targets import Targets, cell_targets, collate
 
-BATCH = 8
+BATCH, CUDA_BATCH = 8, 64
 _LANES, _PREDICTORS = 5, 8
 # The networks of configs/default.yaml and of the paper.
 NETWORKS: dict[str, dict[str, Any]] = {
@@ -53,10 +57,22 @@ MATCHING = (
     "and predictor in a cell, then the closest again and again. The second loop computes all distances of "
     "a cell at once."
 )
+PARTS = ("data", "forward", "matching", "loss", "backward", "optimizer")
+_PART_TITLES = {
+    "data": "waiting for data",
+    "forward": "network, forward",
+    "matching": "matching",
+    "loss": "loss and its gradient",
+    "backward": "network, backward",
+    "optimizer": "optimizer",
+}
 TRAINING = (
-    f"One optimizer step (AdamW) on {BATCH} images of {SIZE[0]}x{SIZE[1]} on the processor with the bf16 "
-    "mixed precision of configs/default.yaml. Matching, loss and the gradient of the loss with respect to "
-    "the prediction are timed within the step."
+    f"One optimizer step (AdamW, the bf16 mixed precision of configs/default.yaml) on images of "
+    f"{SIZE[0]}x{SIZE[1]}, cells of {STRIDE} px: {BATCH} images on a processor, {CUDA_BATCH} on CUDA. "
+    "Batches come from the loader of `yolino train` (JPEG files, the default augmentation; one process loads "
+    "beside a processor, one per core beside CUDA). The loss includes its gradient with respect to the "
+    "prediction. Parts are timed within the step; on CUDA each waits for the one before, so the images per "
+    "second there are those of steps without clocks."
 )
 
 
@@ -93,47 +109,104 @@ def measure_matching(setup: Setup) -> Section:
 
 
 def measure_training(setup: Setup) -> Section:
-    """Times training steps, and what matching and loss take of them."""
+    """Times training steps and their parts."""
+    device = torch.device("cuda" if setup.device == "cuda" else "cpu")
+    if device.type == "cuda" and not torch.cuda.is_available():
+        title, why = "Matching and loss in training", "not measured: no GPU that torch can use"
+        return Section(title, TRAINING, not_measured=why)
     measures: dict[str, Measure] = {}
     with _torch_threads(setup.threads):
-        steps = {name: _Step(Network(**arguments), setup) for name, arguments in NETWORKS.items()}
+        steps = {name: _Step(Network(**arguments), setup, device) for name, arguments in NETWORKS.items()}
         times = race(steps, **setup.pace, calls=1)
+        rates = {name: _rate(step) for name, step in steps.items()} if device.type == "cuda" else {}
     for name, step in steps.items():
-        rows = np.array(step.rows[-len(times[name].seconds) :])
-        measures[f"{name}_step"] = milliseconds(f"{_TITLES[name]}: training step", times[name])
+        rows, title = np.array(step.rows[-len(times[name].seconds) :]), _TITLES[name]
+        measures[f"{name}_step"] = milliseconds(f"{title}: training step", times[name])
+        for part, seconds in zip(PARTS, rows.T, strict=True):
+            shares = seconds / rows.sum(axis=1)
+            measures[f"{name}_{part}"] = percent(f"{title}: {_PART_TITLES[part]}, of the step", shares)
+        shares = rows[:, 2:4].sum(axis=1) / rows[:, 1:].sum(axis=1)
         measures[f"{name}_share"] = percent(
-            f"{_TITLES[name]}: matching and loss, of the step", rows[:, 0] / rows[:, 1], at_most(5)
+            f"{title}: matching and loss, of the step without waiting", shares, at_most(5)
         )
+        rate = rates.get(name, step.batch / times[name].median)
+        target = at_least(1500) if device.type == "cuda" else None
+        measures[f"{name}_rate"] = Measure(f"{title}: training", rate, "images/s", target=target)
     return Section("Matching and loss in training", TRAINING, measures)
 
 
 class _Step:
-    """One optimizer step; each call adds the seconds of matching and loss, and of all, to `rows`."""
+    """One optimizer step; each call adds the seconds of its parts to `rows`."""
 
-    def __init__(self, network: Network, setup: Setup) -> None:
-        size, batch = ((64, 64), 2) if setup.quick else (SIZE, BATCH)
-        self.network = network.train().to(memory_format=torch.channels_last)
+    def __init__(self, network: Network, setup: Setup, device: torch.device) -> None:
+        self.device, cuda = device, device.type == "cuda"
+        self.batch = 2 if setup.quick else CUDA_BATCH if cuda else BATCH
+        self.network = network.train().to(device).to(memory_format=torch.channels_last)
         self.criterion = Criterion(network.representation)
-        self.optimizer = torch.optim.AdamW(network.parameters(), lr=1e-4)
-        self.targets = _targets(setup.rng, batch, size)
-        pixels = setup.rng.integers(0, 256, (batch, *size, 3), dtype=np.uint8)
-        self.images = torch.from_numpy(pixels).permute(0, 3, 1, 2)
-        self.rows: list[tuple[float, float]] = []
+        fused = True if fuses(device, "bf16-mixed") else None
+        self.optimizer = torch.optim.AdamW(network.parameters(), lr=1e-4, fused=fused)
+        workers = setup.threads if cuda else 1
+        self.batches = jpeg_batches(
+            setup, jpeg_files(setup), "gentle", batch=self.batch, workers=workers, cuda=cuda
+        )
+        self.endless = itertools.chain.from_iterable(itertools.repeat(self.batches))
+        self.rows: list[list[float]] = []
 
     def __call__(self) -> None:
-        start = perf_counter()
-        self.optimizer.zero_grad()
-        with torch.autocast("cpu", torch.bfloat16):
-            prediction = self.network(self.images.float())
-            before = perf_counter()
+        """Takes the time of each part, on CUDA with a wait for the GPU between them."""
+        seconds = [self._now()]
+        images, targets = self.data()
+        seconds.append(self._now())
+        with self._autocast():
+            prediction = self.network(images.float())
+            seconds.append(self._now())
             leaves = Prediction(*(output.detach().requires_grad_() for output in prediction))
-            losses, _ = self.criterion(leaves, self.targets)
-        losses.total.backward()
-        after = perf_counter()
+            matches = self.criterion.match(leaves, targets)
+            seconds.append(self._now())
+            losses = self.criterion.losses(leaves, targets, matches)
+        torch.autograd.backward(losses.total)
+        seconds.append(self._now())
         outputs, gradients = _with_gradients(prediction, leaves)
         torch.autograd.backward(outputs, gradients)
+        seconds.append(self._now())
+        self.update()
+        seconds.append(self._now())
+        self.rows.append(np.diff(seconds).tolist())
+
+    def data(self) -> tuple[Tensor, Targets]:
+        """Gives the next batch on the device."""
+        batch = to_device(next(self.endless), self.device)
+        return batch.images, batch.targets
+
+    def update(self) -> None:
+        """Changes the weights."""
         self.optimizer.step()
-        self.rows.append((after - before, perf_counter() - start))
+        self.optimizer.zero_grad()
+
+    def plain(self) -> None:
+        """Does the same without clocks."""
+        images, targets = self.data()
+        with self._autocast():
+            losses, _ = self.criterion(self.network(images.float()), targets)
+        torch.autograd.backward(losses.total)
+        self.update()
+
+    def _autocast(self) -> torch.autocast:
+        return torch.autocast(self.device.type, torch.bfloat16)
+
+    def _now(self) -> float:
+        if self.device.type == "cuda":
+            torch.cuda.synchronize()
+        return perf_counter()
+
+
+def _rate(step: _Step, steps: int = 30) -> float:
+    """Gives the images per second of steps without clocks."""
+    step.plain()
+    start = step._now()
+    for _ in range(steps):
+        step.plain()
+    return steps * step.batch / (step._now() - start)
 
 
 def _with_gradients(prediction: Prediction, leaves: Prediction) -> tuple[list[Tensor], list[Tensor]]:
@@ -165,4 +238,4 @@ def _torch_threads(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-__all__ = ["BATCH", "NETWORKS", "measure_matching", "measure_training"]
+__all__ = ["BATCH", "NETWORKS", "PARTS", "measure_matching", "measure_training"]

@@ -1,4 +1,4 @@
-"""The command line: `yolino predict | train | evaluate | score | export | datasets | benchmark`.
+"""The command line: `yolino predict | train | evaluate | score | export | datasets | benchmark | warmup`.
 
 Each command is one file. What a command needs is imported when it runs, so that `yolino --help` is fast and
 detecting never loads torch.
@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from yolino.cli import benchmark, datasets, evaluate, export, predict, score, train
+from yolino.cli import benchmark, datasets, evaluate, export, predict, score, train, warmup
 
 _MISTAKE, _BUG = 2, 3
 
@@ -47,7 +47,7 @@ def _common(
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
 
 
-for _command in (predict, train, evaluate, score, export, datasets, benchmark):
+for _command in (predict, train, evaluate, score, export, datasets, benchmark, warmup):
     _command.add_to(app)
 
 
@@ -77,6 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 _EXTRAS = {"rasterio": "geo", "pyogrio": "geo", "pyarrow": "geo", "skimage": "masks", "av": "video"}
+_EXTRAS |= {"openvino": "openvino", "nncf": "quantize", "matplotlib": "plot"}
 
 
 def _explain(error: BaseException) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from yolino.cli.options import AsJson, Device, Model
+from yolino.cli.options import AsJson, Device, Engine, Model, Precision
 
 EPILOG = """
 **Examples**
@@ -15,6 +15,8 @@ EPILOG = """
 - `yolino benchmark` measures everything beside other implementations, for some minutes
 
 - `yolino benchmark --only stages --json` measures the steps of one frame, prints one JSON object
+
+- `yolino benchmark --from result.json --plot pictures` draws what an earlier run printed with `--json`
 """
 
 
@@ -26,7 +28,9 @@ def add_to(app: typer.Typer) -> None:
 def benchmark(
     *,
     model: Model = "default",
+    engine: Engine = "auto",
     device: Device = "auto",
+    precision: Precision = "auto",
     only: Annotated[
         list[str] | None,
         typer.Option("--only", metavar="SECTION", help="Part of the benchmark; may be repeated."),
@@ -41,23 +45,47 @@ def benchmark(
     quick: Annotated[
         bool, typer.Option("--quick", help="Only see that everything runs; the numbers mean nothing.")
     ] = False,
+    saved: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="FILE", help="Measure nothing: take what --json printed before."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="DIR", help="Draw the result, as PNG files in a folder.")
+    ] = None,
+    short: Annotated[
+        bool, typer.Option("--summary", help="Print the most telling numbers only, as one table.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure the speed of a model and of each step on this machine, beside other implementations."""
     import json
 
     from yolino.benchmark import benchmark as run
-    from yolino.benchmark import report
+    from yolino.benchmark import plot as draw
+    from yolino.benchmark import read_result, report, summary
+    from yolino.benchmark.plot import check_matplotlib
     from yolino.cli.screen import track
 
-    result = run(
-        model,
-        device,
-        repeats=repeats,
-        image=image,
-        only=only or None,
-        threads=threads,
-        quick=quick,
-        progress=lambda names: track(names, "measuring"),
-    )
-    typer.echo(json.dumps(result) if as_json else report(result))
+    if plot is not None:
+        check_matplotlib()  # not after minutes of measuring
+    if saved is not None:
+        if only or image or threads or quick:
+            raise ValueError("--from measures nothing: leave out --only, --image, --threads and --quick.")
+        result = read_result(saved)
+    else:
+        result = run(
+            model,
+            device,
+            engine=engine,
+            precision=precision,
+            repeats=repeats,
+            image=image,
+            only=only or None,
+            threads=threads,
+            quick=quick,
+            progress=lambda names: track(names, "measuring"),
+        )
+    typer.echo(json.dumps(result) if as_json else summary(result) if short else report(result))
+    if plot is not None:
+        for path in draw(result, plot):
+            typer.echo(f"Wrote {path}", err=True)

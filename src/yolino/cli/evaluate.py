@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,14 +13,19 @@ from yolino.cli.options import (
     Data,
     DatasetName,
     Device,
+    Engine,
     Labels,
     Model,
     More,
+    Precision,
     Root,
     SkipBroken,
     Split,
     Threshold,
 )
+
+if TYPE_CHECKING:
+    from yolino.inference import Predictor
 
 EPILOG = """
 **Examples**
@@ -51,7 +56,9 @@ def evaluate(
     skip_broken: SkipBroken = False,
     model: Model = "default",
     threshold: Threshold = None,
+    engine: Engine = "auto",
     device: Device = "auto",
+    precision: Precision = "auto",
     metric: Annotated[
         list[str] | None,
         typer.Option(
@@ -90,11 +97,11 @@ def evaluate(
     from yolino.cli.screen import print_table, track
     from yolino.evaluate import evaluate as run
     from yolino.evaluate import point_radius, score_rows, write_report
-    from yolino.inference import load
+    from yolino.inference import EngineChoice, Predictor
 
     if groups not in ("image", "folder"):
         raise ValueError(f"--groups is {groups!r}; use image or folder.")
-    predictor = load(model, device=device, threshold=threshold)
+    predictor = Predictor(EngineChoice(engine, device, precision).open(model), threshold=threshold)
     chosen = Selection(data, split, dataset, root, labels or (), option or (), skip_broken)
     samples = open_or_tell(chosen, classes=predictor.header.classes)
     if option_of_metric and not metric:
@@ -121,7 +128,7 @@ def evaluate(
     )
     title = f"{predictor.header.name} on {data or dataset or 'tusimple'}{f' ({split})' if split else ''}"
     if save is not None:
-        write_report(save, found, title=title, facts=_facts(str(model), predictor.threshold, groups))
+        write_report(save, found, title=title, facts=_facts(str(model), predictor, groups))
     if as_json:
         intervals = {name: list(interval) for name, interval in found.intervals.items()}
         typer.echo(json.dumps({**found.scores, "intervals": intervals}))
@@ -131,12 +138,13 @@ def evaluate(
         typer.echo(f"Details are in {save / 'report.html'}.")
 
 
-def _facts(model: str, threshold: float, groups: str) -> list[str]:
+def _facts(model: str, predictor: Predictor, groups: str) -> list[str]:
     from importlib.metadata import version
 
     drawn = "images" if groups == "image" else "whole folders of images"
     return [
-        f"Model: {model}, segments with a score of at least {threshold:g}",
+        f"Model: {model} with {predictor.engine.name} ({predictor.engine.device})",
+        f"Segments with a score of at least {predictor.threshold:g}",
         f"Intervals: percentile bootstrap, 1,000 draws of {drawn}",
         f"yolino {version('yolino')}",
     ]

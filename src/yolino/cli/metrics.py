@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-import yaml
 
 if TYPE_CHECKING:
     from yolino.metrics import Metric
@@ -77,6 +76,8 @@ def build_metric(
 
 def _value(text: str) -> Any:
     """Reads a value as YAML, and what YAML 1.1 takes for a text though it is a number (1e-9, nan)."""
+    import yaml
+
     value = yaml.safe_load(text)
     try:
         return float(value) if isinstance(value, str) else value

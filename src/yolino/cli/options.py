@@ -11,6 +11,22 @@ Model = Annotated[
     str, typer.Option("--model", "-m", metavar="default|PATH", help="A packaged model, or a model file.")
 ]
 Device = Annotated[str, typer.Option("--device", metavar="auto|cpu|cuda", help="Where the network runs.")]
+Engine = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="NAME",
+        help="What runs the network: auto, onnxruntime, openvino, torch or torch-compiled.",
+    ),
+]
+Precision = Annotated[
+    str,
+    typer.Option(
+        "--precision",
+        metavar="NAME",
+        help="Arithmetic of the network: auto (as the file), fp32, bf16, fp16 or int8.",
+    ),
+]
 Threshold = Annotated[
     float | None,
     typer.Option(
@@ -52,9 +68,11 @@ __all__ = [
     "Data",
     "DatasetName",
     "Device",
+    "Engine",
     "Labels",
     "Model",
     "More",
+    "Precision",
     "Root",
     "SkipBroken",
     "Split",

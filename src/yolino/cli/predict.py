@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from yolino.cli.options import Device, Model, Threshold
+from yolino.cli.options import Device, Engine, Model, Precision, Threshold
 
 EPILOG = """
 **Examples**
@@ -21,6 +21,8 @@ EPILOG = """
 - `yolino predict photos/ --format cvat` writes annotations.xml, for a person to correct in the labeling tool
 
 - `yolino predict photo.jpg --view stages` shows what each step of the post-processing makes of it
+
+- `yolino predict photos/ --engine openvino --precision bf16` takes half the time on processors that have bf16
 
 - `yolino predict drive.mp4 --out out.mp4` draws the lines into a video; a folder gets JSON lines, too
 
@@ -58,7 +60,9 @@ def predict(
         str,
         typer.Option("--format", "-f", metavar="NAME", help="json, tusimple, cvat, geojson, ..."),
     ] = "json",
+    engine: Engine = "auto",
     device: Device = "auto",
+    precision: Precision = "auto",
     images: Annotated[
         bool | None,
         typer.Option(
@@ -115,7 +119,9 @@ def predict(
     from yolino.cli.outputs import check_ending
     from yolino.cli.scenes import Scene, is_scene, predict_scene, refuse_for_videos
     from yolino.cli.video import Video, are_videos, predict_videos
+    from yolino.inference import EngineChoice
 
+    choice = EngineChoice(engine, device, precision)
     scene = Scene(overlap=overlap, bands=bands, scale=scale)
     video = Video(follow, smooth, frames)
     videos = are_videos(sources, video)
@@ -129,20 +135,20 @@ def predict(
             video,
             model=model,
             threshold=threshold,
-            device=device,
+            choice=choice,
             pictures=images is not False,
             format=format,
             view="lines" if view is None else view,
         )
     if is_scene(out, scene, format, pictures=images, view=view):
-        return predict_scene(sources, Path(out), scene, model=model, threshold=threshold, device=device)
+        return predict_scene(sources, Path(out), scene, model=model, threshold=threshold, choice=choice)
     return predict_images(
         sources,
         model=model,
         threshold=threshold,
         out=Path(out),
         format=format,
-        device=device,
+        choice=choice,
         pictures=images is not False,
         view="lines" if view is None else view,
     )

@@ -17,7 +17,7 @@ from yolino.cli.outputs import SCENE_SUFFIXES, ending
 
 if TYPE_CHECKING:
     from yolino.header import Header
-    from yolino.inference import Predictor
+    from yolino.inference import EngineChoice, Predictor
     from yolino.inference.scene import Scan
     from yolino.inference.scene_store import SceneStore
     from yolino.inference.views import Raster
@@ -89,7 +89,13 @@ def refuse_for_videos(options: Scene, video: str) -> None:
 
 
 def predict_scene(
-    sources: Sequence[str], out: Path, options: Scene, *, model: str, threshold: float | None, device: str
+    sources: Sequence[str],
+    out: Path,
+    options: Scene,
+    *,
+    model: str,
+    threshold: float | None,
+    choice: EngineChoice,
 ) -> None:
     """Finds the polylines of a scene; writes one file.
 
@@ -112,7 +118,7 @@ def predict_scene(
     raster = open_scene(path, bands)
     place = find_place(out, path, raster)
     with busy("loading the model (once after an installation, kernels are compiled: up to a minute)"):
-        predictor = _load(model, path, raster.size, options, threshold=threshold, device=device)
+        predictor = _load(model, path, raster.size, options, threshold=threshold, choice=choice)
         predictor.warm_up()
     settings = _settings(predictor, raster, path, model_path(model), bands)
     store = SceneStore(out.with_name(out.name + ".partial"), settings)
@@ -159,13 +165,18 @@ def _parse_bands(text: str | None) -> tuple[int, ...] | None:
 
 
 def _load(
-    model: str, path: Path, size: tuple[int, int], options: Scene, *, threshold: float | None, device: str
+    model: str,
+    path: Path,
+    size: tuple[int, int],
+    options: Scene,
+    *,
+    threshold: float | None,
+    choice: EngineChoice,
 ) -> Predictor:
     """Gives the predictor, whose fit is "window", for a scene of `size` (height, width)."""
-    from yolino.inference import Predictor, open_engine
-    from yolino.inference.loading import model_path
+    from yolino.inference import Predictor
 
-    engine = open_engine(model_path(model), device=device)
+    engine = choice.open(model)
     header: Header = engine.header
     scale, windows = options.scale, f"windows of {header.size[0]} x {header.size[1]}"
     if header.fit != "window" and scale is None:
@@ -213,6 +224,7 @@ def _settings(
         "overlap": plan.overlap,
         "size": list(raster.size),
         "threshold": predictor.threshold,
+        "engine": f"{predictor.engine.name} on {predictor.engine.device}",
     }
 
 

@@ -37,6 +37,16 @@ def track(items: Sequence[T], title: str) -> Iterator[T]:
         yield from progress.track(items)
 
 
+@contextlib.contextmanager
+def progress(title: str) -> Iterator[Callable[[float], None]]:
+    """Gives what shows the share that is done, as a bar on stderr, if somebody watches."""
+    console = Console(stderr=True)
+    columns = (TextColumn(title), SpinnerColumn(), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda share: bar.update(task, completed=share)
+
+
 def counted(title: str) -> Callable[[Iterable[T]], Iterator[T]]:
     """Gives what yields items whose number is not known, and counts them on stderr if somebody watches."""
     return lambda items: _count(items, title)
@@ -63,16 +73,25 @@ def busy(what: str) -> Iterator[None]:
         yield
 
 
-def print_table(header: Sequence[str], rows: Iterable[Sequence[object]], *, title: str | None = None) -> None:
-    """Prints rows on stdout: first column to the left, the others to the right; very many are cut short."""
+def print_table(
+    header: Sequence[str], rows: Iterable[Sequence[object]], *, title: str | None = None, more: int = 0
+) -> None:
+    """Prints rows on stdout: first column to the left, the others to the right; very many are cut short.
+
+    Args:
+        header: Names of the columns.
+        rows: The rows.
+        title: Stands above the table.
+        more: How many rows there are beyond those given.
+    """
     every = list(rows)
     table = Table(title=title, title_justify="left", title_style="bold")
     for i, name in enumerate(header):
         table.add_column(name, justify="right" if i else "left", overflow="fold")
     for row in every[:SHOWN_ROWS]:
         table.add_row(*(Text(str(cell)) for cell in row))
-    if len(every) > SHOWN_ROWS:
-        table.add_row(f"... and {len(every) - SHOWN_ROWS} more")
+    if more := more + max(len(every) - SHOWN_ROWS, 0):
+        table.add_row(f"... and {more} more")
     Console().print(table)
 
 
@@ -91,4 +110,14 @@ def report_problems(problems: Sequence[str]) -> Iterator[None]:
         raise typer.Exit(MISTAKE)
 
 
-__all__ = ["FEW", "MISTAKE", "SHOWN_ROWS", "busy", "counted", "print_table", "report_problems", "track"]
+__all__ = [
+    "FEW",
+    "MISTAKE",
+    "SHOWN_ROWS",
+    "busy",
+    "counted",
+    "print_table",
+    "progress",
+    "report_problems",
+    "track",
+]

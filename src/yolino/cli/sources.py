@@ -33,7 +33,8 @@ def find_images(sources: Sequence[str], *, excluded: Path) -> Sources:
         sources: Paths of images or folders, or globs (`**` goes through folders).
         excluded: Folder whose images are none.
     """
-    images: dict[Path, Path] = {}
+    images: dict[str, Path] = {}
+    folders: dict[Path, str] = {}
     problems = []
     for source in sources:
         found = _expand(source, excluded.resolve())
@@ -41,8 +42,23 @@ def find_images(sources: Sequence[str], *, excluded: Path) -> Sources:
             kind = "The folder" if Path(source).is_dir() else "The pattern"
             problems.append(f"{kind} {source} names no image ({', '.join(IMAGE_SUFFIXES)}).")
         for path in found:
-            images.setdefault(path.resolve(), path)
+            images.setdefault(real_path(path, folders), path)
     return Sources(list(images.values()), problems)
+
+
+def real_path(path: Path, folders: dict[Path, str]) -> str:
+    """Gives where a file really is, as `Path.resolve`; quickly for many files of few folders.
+
+    Args:
+        path: The file, which need not exist.
+        folders: Where the folders are that were asked for before; grows.
+    """
+    if path.name in ("", "..") or path.is_symlink():
+        return os.path.realpath(path)
+    parent = path.parent
+    if parent not in folders:
+        folders[parent] = os.path.realpath(parent)
+    return os.path.join(folders[parent], path.name)
 
 
 def _expand(source: str, excluded: Path) -> list[Path]:
@@ -79,10 +95,11 @@ def result_names(images: Sequence[Path]) -> list[str]:
     differ in their suffix alone keep it.
     """
     names = [image.stem for image in images]
+    folders: dict[Path, str] = {}
     for same in _shared(names):
-        paths = [images[i].resolve() for i in same]
-        common = os.path.commonpath([path.parent for path in paths])
-        below = [path.relative_to(common) for path in paths]
+        paths = [real_path(images[i], folders) for i in same]
+        common = os.path.commonpath({os.path.dirname(path) for path in paths})
+        below = [Path(path[len(common) :].lstrip(os.sep)) for path in paths]
         short = [path.with_name(path.stem).as_posix() for path in below]
         twins = {k for group in _shared(short) for k in group}
         for k, i in enumerate(same):
@@ -101,4 +118,4 @@ def _shared(names: Sequence[str]) -> list[list[int]]:
     return [group for group in groups.values() if len(group) > 1]
 
 
-__all__ = ["Sources", "find_images", "result_names"]
+__all__ = ["Sources", "find_images", "real_path", "result_names"]

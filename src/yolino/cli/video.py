@@ -12,7 +12,7 @@ from yolino.cli.outputs import LINES, ending, video_suffixes
 
 if TYPE_CHECKING:
     from yolino.cli.video_run import Targets
-    from yolino.inference import Predictor
+    from yolino.inference import EngineChoice, Predictor
     from yolino.inference.tracking import Tracker
 
 
@@ -61,7 +61,7 @@ def predict_videos(
     *,
     model: str,
     threshold: float | None,
-    device: str,
+    choice: EngineChoice,
     pictures: bool = True,
     format: str = "json",
     view: str = "lines",
@@ -74,7 +74,7 @@ def predict_videos(
         options: What only videos have.
         model: Name or file of the model.
         threshold: Lowest score of a segment; None for the model's.
-        device: Where the network runs.
+        choice: What runs the network, and how.
         pictures: Whether to write a video.
         format: "json": other formats of results have no times.
         view: "lines": other views would flicker.
@@ -84,7 +84,7 @@ def predict_videos(
     """
     from yolino.cli.screen import busy, report_problems
     from yolino.cli.video_run import VideoRun
-    from yolino.inference import load
+    from yolino.inference import Predictor
     from yolino.inference.frames import open_frames
     from yolino.inference.tracking import warm_up
 
@@ -105,7 +105,7 @@ def predict_videos(
             try:
                 if predictor is None:
                     with busy("loading the model (once after an installation, up to a minute)"):
-                        predictor = load(model, device=device, threshold=threshold)
+                        predictor = Predictor(choice.open(model), threshold=threshold)
                         predictor.warm_up()
                         warm_up()
                 tracker = None if options.track is False else _tracker(predictor, bool(options.smooth))

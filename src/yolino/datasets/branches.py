@@ -8,8 +8,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from yolino.geometry import cumulative_length
 
@@ -181,8 +179,7 @@ class Branches:
         for i in inside:
             self._remove(i)
         count = len(self._places)
-        graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
-        groups = connected_components(graph, directed=False)[1]
+        groups = _components(pairs, count)
         for group in np.unique(groups[pairs]):
             self._unite_nodes(np.flatnonzero(groups == group))
 
@@ -273,12 +270,20 @@ class Branches:
         if others:
             ends = np.array([self._ends[i] for i in others])
             count = len(self._places)
-            graph = coo_array((np.ones(len(others)), ends.T), shape=(count, count))
-            owners = connected_components(graph, directed=False)[1][ends[:, 0]]
+            owners = _components(ends, count)[ends[:, 0]]
             totals = np.bincount(owners, [self._lengths[i] for i in others])
             short += [i for i, owner in zip(others, owners, strict=True) if totals[owner] < least]
         for i in short:
             self._remove(i)
+
+
+def _components(pairs: Int[np.ndarray, "n 2"], count: int) -> Int[np.ndarray, " count"]:
+    """Gives for each of `count` nodes the number of the component that pairs of them make."""
+    from scipy.sparse import coo_array  # takes half a second, which who reads no masks need not wait
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _fit(points: Points) -> tuple[Vector, Vector]:

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
-from yolino.inference.engines import ENGINES, Engine, OnnxEngine, open_engine
-from yolino.inference.loading import load
+from yolino.inference.engines import ENGINES, Engine, OnnxEngine, OpenVinoEngine, open_engine
+from yolino.inference.loading import EngineChoice, load
 from yolino.inference.predictor import Predictor, Stages
 from yolino.inference.preprocess import Preprocess
 
-__all__ = ["ENGINES", "Engine", "OnnxEngine", "Predictor", "Preprocess", "Stages", "load", "open_engine"]
+__all__ = [
+    "ENGINES",
+    "Engine",
+    "EngineChoice",
+    "OnnxEngine",
+    "OpenVinoEngine",
+    "Predictor",
+    "Preprocess",
+    "Stages",
+    "load",
+    "open_engine",
+]

@@ -1,222 +1,223 @@
-"""What runs a network: one small class per file format. Everything after them is numpy."""
+"""What runs a network: the engines by name, and which one takes a file where none is named."""
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import importlib.util
-import os
-import sys
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Protocol, runtime_checkable
-
-import numpy as np
-from jaxtyping import UInt8
 
 from yolino.header import Header
-from yolino.types import Output
+from yolino.inference.engine import (
+    DEVICES,
+    METADATA_KEY,
+    PRECISIONS,
+    Engine,
+    check_arguments,
+    check_file,
+)
+from yolino.inference.engine_onnxruntime import ONNX_PRECISIONS, OnnxEngine
+from yolino.inference.engine_openvino import OPENVINO_PRECISIONS, OpenVinoEngine
+from yolino.inference.onnx_metadata import read_onnx_metadata
 
-DEVICES = ("auto", "cpu", "cuda")
-METADATA_KEY = "yolino"
-
-
-@runtime_checkable
-class Engine(Protocol):
-    """A loaded network with the header of its file."""
-
-    header: Header
-
-    def __call__(self, batch: UInt8[np.ndarray, "b h w 3"], /) -> Output:
-        """Gives what the network says about RGB images of its input size."""
-        ...
+_TORCH = {"cpu": ("fp32", "bf16", "fp16"), "cuda": ("fp32", "bf16", "fp16")}
 
 
-class OnnxEngine:
-    """Runs an exported network with ONNX Runtime.
+@dataclass(frozen=True)
+class EngineKind:
+    """What is known of an engine before it is imported.
+
+    Attributes:
+        suffixes: Files that it reads.
+        precisions: Arithmetic on each of its devices.
+        packages: What has to be installed.
+        install: How.
+        opener: Its class or function as `module:name`.
+        automatic: Whether it is chosen where none is named.
+    """
+
+    suffixes: tuple[str, ...]
+    precisions: Mapping[str, tuple[str, ...]]
+    packages: tuple[str, ...]
+    install: str
+    opener: str
+    automatic: bool = True
+
+    @property
+    def missing(self) -> str | None:
+        """The first package that is not installed."""
+        return next((name for name in self.packages if importlib.util.find_spec(name) is None), None)
+
+    def can(self, device: str, precision: str) -> bool:
+        """Tells whether it has such arithmetic on such a device; "auto" is any."""
+        offered = [found for name, found in self.precisions.items() if device in ("auto", name)]
+        return any(precision == "auto" or precision in found for found in offered)
+
+
+# Where none is named, the first that is installed and can do what is asked takes a file (`choose_engine`).
+ENGINES: dict[str, EngineKind] = {
+    "onnxruntime": EngineKind(
+        (".onnx",),
+        ONNX_PRECISIONS,
+        ("onnxruntime",),
+        "pip install onnxruntime",
+        "yolino.inference.engine_onnxruntime:OnnxEngine",
+    ),
+    "openvino": EngineKind(
+        (".xml", ".onnx"),
+        OPENVINO_PRECISIONS,
+        ("openvino",),
+        "pip install 'yolino[openvino]'",
+        "yolino.inference.engine_openvino:OpenVinoEngine",
+    ),
+    "torch": EngineKind(
+        (".safetensors",),
+        _TORCH,
+        ("torch", "safetensors"),
+        "pip install 'yolino[train]'",
+        "yolino.model.engine:TorchEngine",
+    ),
+    "torch-compiled": EngineKind(
+        (".safetensors",),
+        _TORCH,
+        ("torch", "safetensors"),
+        "pip install 'yolino[train]'",
+        "yolino.model.engine:compiled_engine",
+        automatic=False,
+    ),
+}
+_QUICKEST = {"int8": "openvino"}  # comes first for files of this precision: 2.5 times as fast
+SUFFIXES = tuple(dict.fromkeys(suffix for kind in ENGINES.values() for suffix in kind.suffixes))
+
+
+def open_engine(
+    path: Path | str,
+    *,
+    engine: str = "auto",
+    device: str = "auto",
+    precision: str = "auto",
+    threads: int | None = None,
+    streams: int = 1,
+) -> Engine:
+    """Gives the engine that runs the model file `path`.
 
     Args:
-        path: File written by `yolino export`.
-        device: "auto" (CUDA where ONNX Runtime offers it, else the processor), "cpu" or "cuda".
-        threads: Threads of one run on the processor; None lets ONNX Runtime decide.
+        path: A model file; its suffix says which engines read it.
+        engine: A name in `ENGINES`; "auto" takes the first that reads the file, is installed, and has what is
+            asked for.
+        device: "auto", "cpu" or "cuda".
+        precision: Arithmetic of the network: "auto" (fp32; int8 where the file is quantized), "fp32", "bf16",
+            "fp16" or "int8".
+        threads: Threads of the network on a processor; None lets the engine decide.
+        streams: Calls at once that the threads are shared among.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If it is no YOLinO model, or `device` is unknown or not available.
-    """
-
-    def __init__(self, path: Path | str, *, device: str = "auto", threads: int | None = None) -> None:
-        path = Path(path)
-        if not path.is_file():
-            raise FileNotFoundError(f"The model {path} does not exist; give a model file or 'default'.")
-        if threads is not None and threads < 1:
-            raise ValueError(
-                f"threads is {threads}, but must be at least 1 (or None: let ONNX Runtime decide)."
-            )
-        runtime = _onnxruntime()
-        provider = _provider(device, runtime.get_available_providers())
-        self._session = _open_session(runtime, path, provider, threads)
-        self.device = "cpu" if self._session.get_providers()[0] == "CPUExecutionProvider" else "cuda"
-        if device == "cuda" and self.device != "cuda":
-            raise ValueError(
-                "ONNX Runtime could not start CUDA (see its documentation for the CUDA version it needs)."
-            )
-        self.header = _read_header(self._session, path)
-        self._names = _check_interface(self._session, path, self.header)
-
-    def __call__(self, batch: UInt8[np.ndarray, "b h w 3"]) -> Output:
-        """Gives what the network says about RGB images of its input size.
-
-        Raises:
-            ValueError: If the images have another size, or ONNX Runtime fails.
-        """
-        if batch.shape[1:3] != self.header.size:
-            raise ValueError(
-                f"The network takes images of {self.header.size} (height, width), got {batch.shape[1:3]}."
-            )
-        try:
-            values = self._session.run(self._names, {"images": batch})
-        except Exception as error:  # ONNX Runtime's own exceptions have no common class but this one
-            raise ValueError(f"ONNX Runtime failed to run the model: {error}") from error
-        return Output(values[0], values[1], values[2] if len(values) > 2 else None)
-
-
-def torch_engine(path: Path | str, *, device: str = "auto", threads: int | None = None) -> Engine:
-    """Gives the engine for a checkpoint; needs torch.
-
-    Raises:
-        ModuleNotFoundError: If torch is not installed.
-    """
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"The model {path} does not exist; give a model file or 'default'.")
-    if importlib.util.find_spec("torch") is None or importlib.util.find_spec("safetensors") is None:
-        raise ModuleNotFoundError(
-            f"The checkpoint {path} needs torch: pip install 'yolino[train]', or use its exported .onnx file."
-        )
-    module = importlib.import_module("yolino.model.engine")
-    engine: Engine = module.TorchEngine(Path(path), device=device, threads=threads)
-    return engine
-
-
-ENGINES: dict[str, Callable[..., Engine]] = {".onnx": OnnxEngine, ".safetensors": torch_engine}
-
-
-def open_engine(path: Path | str, *, device: str = "auto", threads: int | None = None) -> Engine:
-    """Gives the engine for the model file `path`, chosen by its suffix (`ENGINES`).
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the suffix is unknown, the file is no YOLinO model, or the device is not available.
+        ValueError: If the suffix is unknown, the file is no YOLinO model, or the engine is unknown, does not
+            read it, or has no such device or precision.
         ModuleNotFoundError: If the engine needs a package that is not installed.
     """
     path = Path(path)
-    if device not in DEVICES:
-        raise ValueError(f"The device {device!r} is unknown; use one of {', '.join(DEVICES)}.")
-    if path.suffix.lower() not in ENGINES:
+    check_arguments(device, threads, streams)
+    if precision not in PRECISIONS:
+        raise ValueError(f"The precision {precision!r} is unknown; use one of {', '.join(PRECISIONS)}.")
+    check_name(engine)
+    if path.suffix.lower() not in SUFFIXES:
         raise ValueError(
-            f"The model {path} has the suffix {path.suffix!r}; known model files end in {', '.join(ENGINES)}."
+            f"The model {path} has the suffix {path.suffix!r}; known model files end in "
+            f"{', '.join(SUFFIXES)}."
         )
-    return ENGINES[path.suffix.lower()](path, device=device, threads=threads)
+    check_file(path)
+    name = engine if engine != "auto" else choose_engine(path, device, precision)
+    kind = ENGINES[name]
+    _check_fit(name, kind, path, device, precision)
+    if kind.missing is not None:
+        raise ModuleNotFoundError(_describe_missing(name, kind, path))
+    module, _, attribute = kind.opener.partition(":")
+    opener = getattr(importlib.import_module(module), attribute)
+    opened: Engine = opener(path, device=device, precision=precision, threads=threads, streams=streams)
+    return opened
 
 
-@contextlib.contextmanager
-def _quiet_stderr() -> Iterator[None]:
-    """Keeps what C code writes to stderr meanwhile for itself, and shows it only if the block fails."""
-    try:
-        saved = os.dup(2)
-    except OSError:  # a service without stderr
-        yield
-        return
-    with tempfile.TemporaryFile() as kept:
-        os.dup2(kept.fileno(), 2)
-        try:
-            yield
-        except BaseException:
-            kept.seek(0)
-            os.write(saved, kept.read())
-            raise
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
+def choose_engine(path: Path, device: str = "auto", precision: str = "auto") -> str:
+    """Gives the name of the engine for a file where none is named (`docs/adr/0011-engines.md`).
 
-
-def _onnxruntime() -> ModuleType:
-    """Gives ONNX Runtime, silent below errors.
-
-    At its import it looks for GPUs and warns on stderr where it does not find what it expects, before any
-    setting can reach it (microsoft/onnxruntime issue 27092).
-    """
-    if "onnxruntime" in sys.modules:
-        return sys.modules["onnxruntime"]
-    with _quiet_stderr():
-        runtime = importlib.import_module("onnxruntime")
-    runtime.set_default_logger_severity(3)
-    return runtime
-
-
-def _provider(device: str, available: list[str]) -> str:
-    if device not in DEVICES:
-        raise ValueError(f"The device {device!r} is unknown; use one of {', '.join(DEVICES)}.")
-    if device != "cpu" and "CUDAExecutionProvider" in available:
-        return "CUDAExecutionProvider"
-    if device == "cuda":
-        raise ValueError(
-            "The device 'cuda' needs ONNX Runtime with CUDA: pip install onnxruntime-gpu, or use 'cpu'."
-        )
-    return "CPUExecutionProvider"
-
-
-def _open_session(runtime: ModuleType, path: Path, provider: str, threads: int | None) -> Any:
-    options = runtime.SessionOptions()
-    options.log_severity_level = 3
-    # Threads that wait by spinning take the cores that other steps need. Without, measured on
-    # two cores, an image takes 1 % longer on an idle machine and half as long on a busy one.
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    if threads is not None:
-        options.intra_op_num_threads = threads
-    providers = list(dict.fromkeys([provider, "CPUExecutionProvider"]))
-    try:
-        return runtime.InferenceSession(str(path), options, providers=providers)
-    except Exception as error:  # ONNX Runtime's own exceptions have no common class but this one
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise ValueError(f"The model {path} is not a readable ONNX file ({reason}).") from error
-
-
-def _read_header(session: Any, path: Path) -> Header:
-    metadata = session.get_modelmeta().custom_metadata_map
-    if METADATA_KEY not in metadata:
-        raise ValueError(
-            f"{path} is not a YOLinO model: its metadata has no '{METADATA_KEY}' header; "
-            "export one with `yolino export CHECKPOINT`."
-        )
-    try:
-        return Header.from_json(metadata[METADATA_KEY])
-    except ValueError as error:
-        raise ValueError(f"{path} has a damaged header. {error}") from error
-
-
-def _check_interface(session: Any, path: Path, header: Header) -> list[str]:
-    """Gives the names of the outputs to fetch, in order.
+    It is the first in `ENGINES` that reads the file, has what is asked for, and is installed; for a quantized
+    file OpenVINO comes first.
 
     Raises:
-        ValueError: If the graph's input and outputs are not those of an exported network.
+        ValueError: If none that reads the file has such arithmetic on such a device.
     """
-    inputs = {value.name: (value.type, list(value.shape)) for value in session.get_inputs()}
-    outputs = [value.name for value in session.get_outputs()]
-    wanted = ["endpoints", "scores"] + ["probabilities"] * bool(header.classes)
-    if list(inputs) != ["images"] or inputs["images"][0] != "tensor(uint8)":
-        raise ValueError(f"{path} must have the one input 'images' (b, h, w, 3) of uint8, but has {inputs}.")
-    fixed = [n for n in inputs["images"][1][1:3] if isinstance(n, int)]
-    if fixed and tuple(fixed) != header.size:
-        raise ValueError(f"{path} takes images of {tuple(fixed)}, but its header says {header.size}.")
-    if missing := [name for name in wanted if name not in outputs]:
-        raise ValueError(
-            f"{path} lacks the outputs {', '.join(missing)}: it has {', '.join(outputs) or 'none'}. "
-            "Export the model again with `yolino export CHECKPOINT`."
+    readers = [
+        name for name, kind in ENGINES.items() if kind.automatic and path.suffix.lower() in kind.suffixes
+    ]
+    able = [name for name in readers if ENGINES[name].can(device, precision)]
+    if not able:
+        offered = sorted(
+            {d for name in readers for d, p in ENGINES[name].precisions.items() if precision in p}
         )
-    return wanted
+        instead = f"the device {' or '.join(offered)}" if offered else "another --precision"
+        raise ValueError(
+            f"No engine runs {path.suffix} files in {precision} on {device}: take {instead}, or another file."
+        )
+    if path.suffix.lower() == ".onnx" and len(able) > 1:
+        first = _QUICKEST.get(_stored_precision(path))
+        able.sort(key=lambda name: name != first)
+    return next((name for name in able if ENGINES[name].missing is None), able[0])
 
 
-__all__ = ["DEVICES", "ENGINES", "METADATA_KEY", "Engine", "OnnxEngine", "open_engine", "torch_engine"]
+def _stored_precision(path: Path) -> str:
+    """Gives the precision of the weights of an ONNX file; what is wrong with its header its engine tells."""
+    try:
+        return Header.from_json(read_onnx_metadata(path).get(METADATA_KEY, "")).precision
+    except ValueError:
+        return "fp32"
+
+
+def check_name(engine: str) -> None:
+    """Raises ValueError, with the nearest right name, if there is no such engine."""
+    if engine != "auto" and engine not in ENGINES:
+        from yolino.config import suggest
+
+        raise ValueError(
+            f"The engine {engine!r} is unknown; {suggest(engine, ENGINES)}use auto or one of "
+            f"{', '.join(ENGINES)}."
+        )
+
+
+def _check_fit(name: str, kind: EngineKind, path: Path, device: str, precision: str) -> None:
+    if path.suffix.lower() not in kind.suffixes:
+        others = [other for other, one in ENGINES.items() if path.suffix.lower() in one.suffixes]
+        raise ValueError(
+            f"The engine {name} reads {' and '.join(kind.suffixes)} files, but the model is {path}: "
+            f"take the engine {' or '.join(others)}."
+        )
+    if not kind.can(device, "auto"):
+        raise ValueError(f"The engine {name} has no device {device!r}; it has {', '.join(kind.precisions)}.")
+    if not kind.can(device, precision):
+        offered = [f"{', '.join(found)} on {where}" for where, found in kind.precisions.items()]
+        raise ValueError(f"The engine {name} has no precision {precision!r}; it has {' and '.join(offered)}.")
+
+
+def _describe_missing(name: str, kind: EngineKind, path: Path) -> str:
+    exported = ", or use its exported .onnx file" if path.suffix.lower() == ".safetensors" else ""
+    return (
+        f"The engine {name} needs the package {kind.missing}, which is not installed: "
+        f"{kind.install}{exported}."
+    )
+
+
+__all__ = [
+    "DEVICES",
+    "ENGINES",
+    "METADATA_KEY",
+    "PRECISIONS",
+    "SUFFIXES",
+    "Engine",
+    "EngineKind",
+    "OnnxEngine",
+    "OpenVinoEngine",
+    "choose_engine",
+    "open_engine",
+]

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple, overload
+from collections.abc import Generator, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, overload
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
-from yolino.geometry import transform_points
+from yolino.compiled import reconsider
 from yolino.header import Header
 from yolino.inference.engines import Engine
 from yolino.inference.postprocessing import Linker, Suppressor, build_linker, build_nms, build_quarters
@@ -24,7 +25,12 @@ from yolino.inference.windows import (
     owned_predictors,
     plan_windows,
 )
+from yolino.postprocess.mapping import map_polylines, map_segments
+from yolino.postprocess.thresholding import segments_above
 from yolino.types import Output, Polylines, Segments
+
+if TYPE_CHECKING:
+    from yolino.inference.stream import ImageResult
 
 Image = NDArray[np.generic]
 
@@ -114,27 +120,36 @@ class Predictor:
         lines: list[Polylines] = []
         for start in range(0, len(every), self.batch_size):
             for found, matrix in self._detect(every[start : start + self.batch_size]):
-                lines.append(_map_polylines(self.linker(self.nms(found)), matrix))
+                lines.append(map_polylines(self.linker(self.nms(found)), matrix))
         return lines
+
+    def stream(
+        self, sources: Iterable[Path | str | Image], *, workers: int | None = None, reduced: bool = False
+    ) -> Generator[ImageResult, None, None]:
+        """Gives what is found in each of many images, files or arrays, in their order, several at a time.
+
+        See `yolino.inference.stream.stream`.
+        """
+        from yolino.inference.stream import stream
+
+        return stream(self, sources, workers=workers, reduced=reduced)
 
     def segments(self, image: Image) -> Segments:
         """Gives the segments above the threshold as the network gives them, in pixels of the image."""
         ((found, matrix),) = self._detect([image])
-        return _map_segments(found, matrix)
+        return map_segments(found, matrix)
 
     def stages(self, image: Image) -> Stages:
         """Gives what every step makes of the image, from one run of the network."""
         ((found, matrix),) = self._detect([image])
         merged = self.nms(found)
         lines = self.linker(merged)
-        return Stages(
-            _map_segments(found, matrix), _map_segments(merged, matrix), _map_polylines(lines, matrix)
-        )
+        return Stages(map_segments(found, matrix), map_segments(merged, matrix), map_polylines(lines, matrix))
 
     def warm_up(self) -> None:
         """Runs every step once on made-up input, so that the first image takes no longer than the others."""
         height, width = self.header.size
-        self.engine(np.zeros((1, height, width, 3), np.uint8))
+        _above(self.engine(np.zeros((1, height, width, 3), np.uint8)), 0, self.threshold)
         steps = np.linspace(0.0, 1.0, 9)[:, None] * (0.0, -height) + (width / 2, height)
         self.linker(self.nms(Segments(np.repeat(np.stack([steps[:-1], steps[1:]], axis=1), 2, axis=0))))
 
@@ -196,7 +211,7 @@ class Predictor:
             size: `(height, width)` of the scene in its pixels.
         """
         joined = join_segments(parts, size, self.header)
-        return _map_polylines(self.linker(self.nms(joined)), self._to_scene())
+        return map_polylines(self.linker(self.nms(joined)), self._to_scene())
 
     def _to_scene(self) -> Float[np.ndarray, "3 3"]:
         """Gives the matrix from the network's pixels, counted from a scene's corner, to the scene's."""
@@ -207,7 +222,9 @@ class Predictor:
         if self.header.fit == "window":
             return self._scan(images)
         inputs, matrices = zip(*(self.preprocess(image) for image in images), strict=True)
-        output = self.engine(np.stack(inputs))
+        # One image is no copy of itself; the colors of `bgr[..., ::-1]` are turned here.
+        batch = np.ascontiguousarray(inputs[0][None]) if len(inputs) == 1 else np.stack(inputs)
+        output = self.engine(batch)
         return [(_above(output, i, self.threshold), matrix) for i, matrix in enumerate(matrices)]
 
     def _scan(self, images: list[Image]) -> list[tuple[Segments, Float[np.ndarray, "3 3"]]]:
@@ -231,19 +248,11 @@ def _above(
     output: Output, index: int, threshold: float, wanted: Bool[np.ndarray, " n"] | None = None
 ) -> Segments:
     """Gives the segments of image `index` with at least the threshold, of the wanted predictors."""
-    from yolino.postprocess.thresholding import segments_above
-
     shares = None if output.probabilities is None else output.probabilities[index]
     scores = output.scores[index] if wanted is None else np.where(wanted, output.scores[index], _UNWANTED)
-    return segments_above(output.endpoints[index], scores, shares, threshold)
-
-
-def _map_segments(segments: Segments, matrix: Float[np.ndarray, "3 3"]) -> Segments:
-    return segments.with_endpoints(transform_points(segments.endpoints, matrix))
-
-
-def _map_polylines(polylines: Polylines, matrix: Float[np.ndarray, "3 3"]) -> Polylines:
-    return polylines.with_vertices(transform_points(polylines.vertices, matrix))
+    found = segments_above(output.endpoints[index], scores, shares, threshold)
+    reconsider(len(found))
+    return found
 
 
 __all__ = ["Predictor", "Stages"]

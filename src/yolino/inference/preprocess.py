@@ -21,6 +21,7 @@ from yolino.io import reduce_image
 # Where the network sees beyond the image: the gray in the middle of the colors that it normalizes with.
 FILL = 114
 _EXACT = 1e-6
+_LARGEST_REDUCTION = 8  # of a JPEG decoder
 
 
 class Preprocess:
@@ -65,6 +66,13 @@ class Preprocess:
         else:
             fitted = _fit(image, plan, self.size)
         return fitted, plan.backward.copy()
+
+    def reduction(self, image_size: tuple[int, int]) -> int:
+        """Gives by how much an image of `image_size` (height, width) is reduced anyway: 1, 2, 4 or 8.
+
+        No side of the result is enlarged by more than rounding afterwards.
+        """
+        return min(_plan(image_size, self.size, self.fit).factor, _LARGEST_REDUCTION)
 
 
 class _Plan(NamedTuple):
@@ -113,8 +121,8 @@ def _fit(
     """Gives the pixels of the input: the part that is seen, reduced, then resized or warped."""
     (left, top), (right, bottom) = plan.box
     part = image[top:bottom, left:right]
-    if plan.factor > 1:
-        part = reduce_image(part, plan.factor)
+    for _ in range(plan.factor.bit_length() - 1):  # halving twice takes half as long as quartering
+        part = reduce_image(part, 2)
     fitted = _resize(part, plan.target) if plan.resized else _warp(part, plan.scale, plan.shift, size)
     return fitted if plan.covered else _paste(fitted, plan.target, size)
 

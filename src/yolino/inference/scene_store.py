@@ -21,6 +21,7 @@ from yolino.io import write_atomic
 from yolino.types import Segments
 
 _SETTINGS = "settings.json"
+_SHORT = 40
 
 
 class Chunk(NamedTuple):
@@ -104,7 +105,13 @@ class SceneStore:
         if not isinstance(earlier, dict):
             return ["settings"]
         keys = [*self._settings, *(key for key in earlier if key not in self._settings)]
-        return [key for key in keys if earlier.get(key) != self._settings.get(key)]
+        changed = [key for key in keys if earlier.get(key) != self._settings.get(key)]
+        return [key + _describe(earlier.get(key)) for key in changed]
+
+
+def _describe(earlier: object) -> str:
+    """Gives what a setting was, if that is a short text: how to go on as before."""
+    return f" (it was {earlier})" if isinstance(earlier, str) and len(earlier) <= _SHORT else ""
 
 
 def _load(file: Path) -> Chunk | None:

@@ -8,7 +8,13 @@ import numpy as np
 
 from yolino.compiled import compiled
 from yolino.postprocess.chaining import chain_segments
-from yolino.postprocess.inputs import check_not_negative, check_positive, check_segments, segment_arrays
+from yolino.postprocess.inputs import (
+    check_not_negative,
+    check_positive,
+    check_segments,
+    segment_arrays,
+    traced_lines,
+)
 from yolino.postprocess.outlines import class_votes, outline, smooth_outlines
 from yolino.postprocess.sorting import sort_segments
 from yolino.postprocess.spline import SmoothingSpline
@@ -74,35 +80,30 @@ class ChainLinker:
         check_not_negative(min_length_cells=min_length_cells, min_score=min_score)
         if not 0 < max_turn < np.pi:
             raise ValueError(f"max_turn is {max_turn}, but an angle between 0 and pi (radians) is needed.")
-        self._cell_size = float(cell_size)
-        self._link = (float(link_radius_cells), float(np.cos(max_turn)), *_LINK)
-        self._join = (float(max_gap_cells), _STRAIGHT, *_JOIN)
-        self._duplicate = (float(duplicate_radius_cells), _STRAIGHT, _SHARE, np.inf)
-        self._directed = bool(directed)
-        self._least = (float(min_length_cells), float(min_score))
-        self._spline = SmoothingSpline(smoothing)
+        chaining = (
+            bool(directed),
+            (float(link_radius_cells), float(np.cos(max_turn)), *_LINK),
+            (float(duplicate_radius_cells), _STRAIGHT, _SHARE, np.inf),
+            (float(max_gap_cells), _STRAIGHT, *_JOIN),
+        )
+        least = (float(min_length_cells), float(min_score))
+        self._rules = (float(cell_size), chaining, least, SmoothingSpline(smoothing).rule)
 
     def __call__(self, segments: Segments) -> Polylines:
         """Gives the polylines of the segments, in the same pixels."""
         if len(segments) == 0:
             return Polylines(np.zeros((0, 2)), probabilities=segments.probabilities)
-        check_segments(segments)
-        endpoints, scores, labels, probabilities = segment_arrays(segments)
-        names, votes = class_votes(labels, probabilities)
-        rules = (self._directed, self._link, self._duplicate, self._join)
-        points, starts, lengths, means, winners, shares = _link(
-            endpoints / self._cell_size, scores, labels, votes, rules
-        )
-        kept = (lengths > 0) & (lengths >= self._least[0]) & (means >= self._least[1])
-        classes = None if segments.probabilities is None else shares
-        outlines = (points, starts, means, names[winners], classes)
-        return smooth_outlines(outlines, kept, self._spline, self._cell_size)
+        return traced_lines(_link(*segment_arrays(segments), self._rules), segments)
 
 
 @compiled
 @no_type_check
-def _link(endpoints, scores, labels, votes, rules):
-    """Gives the outlines of the chains of segments in cell units, see `outline`."""
-    endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes)
-    offsets, rings, lines, means, chances = chain_segments(endpoints, scores, votes, rules)
-    return outline((offsets, rings), lines, means, chances)
+def _link(endpoints, scores, labels, probabilities, rules):
+    """Gives the polylines of segments, both in pixels, see `smooth_outlines`."""
+    check_segments(endpoints, scores)
+    cell_size, chaining, least, spline = rules
+    names, votes = class_votes(labels, probabilities)
+    endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes, cell_size)
+    offsets, rings, lines, means, chances = chain_segments(endpoints, scores, votes, chaining)
+    outlines = outline((offsets, rings), lines, means, chances)
+    return smooth_outlines(outlines, names, least, spline, cell_size)

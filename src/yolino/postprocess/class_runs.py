@@ -32,7 +32,10 @@ def class_runs(lengths, votes, shortest):
         at[i + 1] = at[i] + lengths[i]
         for k in range(classes):
             sums[i + 1, k] = sums[i, k] + votes[i, k]
-    price = _CHANGE * shortest * sums[n].sum() / at[n] if at[n] > 0 else 0.0
+    total = 0.0
+    for k in range(classes):  # in this order, as numpy's sum is not in both tiers
+        total += sums[n, k]
+    price = _CHANGE * shortest * total / at[n] if at[n] > 0 else 0.0
     cut = 1  # from here on cuts leave too short a run before i; those before were tried
     for i in range(1, n + 1):
         for k in range(classes):
@@ -51,13 +54,21 @@ def class_runs(lengths, votes, shortest):
 @compiled(inline=True)
 @no_type_check
 def _change(best, first, sums, run, price):
-    """Notes where the best labelling before segment `i` has its last change at `cut`."""
+    """Notes where the best labelling before segment `i` has its last change at `cut`.
+
+    The class before the change is the best there, or the second best for the best class itself.
+    """
     cut, i = run
+    leader, most, more = 0, -np.inf, -np.inf
     for k in range(best.shape[1]):
-        for other in range(best.shape[1]):
-            mass = best[cut, other] + sums[i, k] - sums[cut, k] - price
-            if other != k and mass > best[i, k]:
-                best[i, k], first[i, k] = mass, cut
+        if best[cut, k] > most:
+            leader, most, more = k, best[cut, k], most
+        elif best[cut, k] > more:
+            more = best[cut, k]
+    for k in range(best.shape[1]):
+        mass = (more if k == leader else most) + sums[i, k] - sums[cut, k] - price
+        if mass > best[i, k]:
+            best[i, k], first[i, k] = mass, cut
 
 
 @compiled

@@ -202,7 +202,8 @@ def _distance(endpoints, j, x, y):
     gx, gy = x - endpoints[j, 0, 0], y - endpoints[j, 0, 1]
     norm = ux * ux + uy * uy
     share = min(max((gx * ux + gy * uy) / norm, 0.0), 1.0) if norm > 0 else 0.0
-    return np.sqrt((gx - share * ux) ** 2 + (gy - share * uy) ** 2)
+    gx, gy = gx - share * ux, gy - share * uy
+    return np.sqrt(gx * gx + gy * gy)
 
 
 @compiled

@@ -5,17 +5,22 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yolino.compiled import compiled
 from yolino.postprocess.chaining import chain_segments
 from yolino.postprocess.extensions import extend_lines, wrap_rings
-from yolino.postprocess.inputs import check_not_negative, check_positive, check_segments, segment_arrays
+from yolino.postprocess.inputs import (
+    check_not_negative,
+    check_positive,
+    check_segments,
+    segment_arrays,
+    traced_lines,
+)
 from yolino.postprocess.junctions import join_lines
 from yolino.postprocess.outlines import class_votes
 from yolino.postprocess.pieces import cut_curves
 from yolino.postprocess.sorting import sort_segments
-from yolino.postprocess.spline import SmoothingSpline
+from yolino.postprocess.spline import SmoothingSpline, smooth_chains
 from yolino.postprocess.traces import arc_lengths, trace_lines
 from yolino.types import Polylines, Segments
 
@@ -104,52 +109,62 @@ class GraphLinker:
         for name, angle in {"max_turn": max_turn, "max_branch_turn": max_branch_turn}.items():
             if not 0 < angle < np.pi:
                 raise ValueError(f"{name} is {angle}, but an angle between 0 and pi (radians) is needed.")
-        self._cell_size = float(cell_size)
         radius, gap = float(link_radius_cells), float(max_gap_cells)
-        self._chaining = (
+        chaining = (
             bool(directed),
             (radius, float(np.cos(max_turn)), *_LINK),
             (float(duplicate_radius_cells), _PARALLEL, _SHARE, _CORE),
             (gap, _STRAIGHT, *_JOIN),
         )
         meeting = (radius, gap, float(np.cos(max_branch_turn)) if directed else 0.0)
-        self._joining = (meeting, _SNAP, float(min_length_cells), _MARGIN * float(duplicate_radius_cells))
-        self._min_score = float(min_score)
-        self._shortest_run = float(min_class_cells) if split_classes else 0.0
-        self._spline = SmoothingSpline(smoothing) if smoothing != 0 else None
+        joining = (meeting, _SNAP, float(min_length_cells), _MARGIN * float(duplicate_radius_cells))
+        shortest_run = float(min_class_cells) if split_classes else 0.0
+        rules = chaining, joining, float(min_score)
+        self._rules = (float(cell_size), rules, shortest_run, SmoothingSpline(smoothing).rule)
 
     def __call__(self, segments: Segments) -> Polylines:
         """Gives the polylines of the segments, in the same pixels."""
-        check_segments(segments)
-        endpoints, scores, labels, probabilities = segment_arrays(segments)
         if len(segments) == 0:
             return Polylines(np.zeros((0, 2)), probabilities=segments.probabilities)
-        names, votes = class_votes(labels, probabilities)
-        rules = (self._chaining, self._joining, self._min_score)
-        lines, joints, strokes = _link(endpoints / self._cell_size, scores, labels, votes, rules)
-        curves = self._smooth(lines)
-        vertices, bounds, means, shares = cut_curves(curves, lines, joints, strokes, self._shortest_run)
-        return Polylines(
-            vertices * self._cell_size,
-            bounds,
-            means,
-            names[shares.argmax(axis=1)],
-            None if segments.probabilities is None else shares,
-        )
+        return traced_lines(_link(*segment_arrays(segments), self._rules), segments)
 
-    def _smooth(
-        self, lines: tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-        """Gives smooth points through lines, where those of each begin, and their arc lengths on the line."""
-        if self._spline is None:
-            return lines[0], lines[1], arc_lengths(lines[0], lines[1])
-        points, offsets, leads = wrap_rings(*lines)
-        chosen = np.flatnonzero(offsets[1:] > offsets[:-1])
-        samples, sizes = self._spline.smooth(points, offsets, chosen)
-        bounds = np.zeros_like(offsets)
-        bounds[chosen + 1] = np.diff(sizes)
-        bounds = np.cumsum(bounds)
-        return samples, bounds, _even(points, offsets, bounds, leads)
+
+@compiled
+@no_type_check
+def _link(endpoints, scores, labels, probabilities, rules):
+    """Gives the polylines of segments, both in pixels: vertices, offsets, scores, labels and class shares."""
+    check_segments(endpoints, scores)
+    cell_size, line_rules, shortest_run, spline = rules
+    names, votes = class_votes(labels, probabilities)
+    endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes, cell_size)
+    lines, joints, strokes = _find_lines(endpoints, scores, votes, line_rules)
+    vertices, bounds, means, shares = cut_curves(_smooth(lines, spline), lines, joints, strokes, shortest_run)
+    for i in range(len(vertices)):
+        vertices[i, 0], vertices[i, 1] = vertices[i, 0] * cell_size, vertices[i, 1] * cell_size
+    winners = np.empty(len(means), np.int64)
+    for i in range(len(means)):
+        winners[i] = names[np.argmax(shares[i])]
+    return vertices, bounds, means, winners, shares
+
+
+@compiled
+@no_type_check
+def _smooth(lines, spline):
+    """Gives smooth points through lines, where those of each begin, and their arc lengths on the line."""
+    if spline[2] == 0:
+        return lines[0], lines[1], arc_lengths(lines[0], lines[1])
+    points, offsets, leads = wrap_rings(lines[0], lines[1], lines[2])
+    chosen, count = np.empty(len(leads), np.int64), 0
+    for c in range(len(leads)):
+        if offsets[c + 1] > offsets[c]:
+            chosen[count] = c
+            count += 1
+    samples, sizes = smooth_chains(points, offsets, chosen[:count], spline)
+    bounds, count = np.zeros_like(offsets), 0
+    for c in range(len(leads)):
+        count += offsets[c + 1] > offsets[c]
+        bounds[c + 1] = sizes[count]
+    return samples, bounds, _even(points, offsets, bounds, leads)
 
 
 @compiled
@@ -167,11 +182,10 @@ def _even(points, offsets, bounds, leads):
 
 @compiled
 @no_type_check
-def _link(endpoints, scores, labels, votes, rules):
-    """Gives the lines of segments, their junctions, and what each line is made of, in cell units."""
+def _find_lines(endpoints, scores, votes, rules):
+    """Gives the lines of sorted segments, their junctions, and what each line is made of, in cell units."""
     chaining, joining, lowest = rules
     directed = chaining[0]
-    endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes)
     offsets, rings, endpoints, scores, votes = chain_segments(endpoints, scores, votes, chaining, _WEIGHTS)
     points, starts, spans = trace_lines(offsets, rings, endpoints)
     arcs = arc_lengths(points, starts)

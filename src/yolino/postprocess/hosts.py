@@ -43,26 +43,30 @@ def find_hosts(lines, loose, alive, directed, rule):
     ends = np.flatnonzero(loose)
     if len(ends) == 0:
         return hosts, places
-    middles, pieces, owners = _stretches(points, starts, alive)
-    reach = max(rule[0], rule[1])
+    middles, pieces, owners, ways = _stretches(points, starts, alive)
+    # What an end meets lies no farther from it than this: nor does the middle of that stretch, and a half.
+    reach = max(rule[0], rule[1]) + _SLACK + _STRETCH / 2
     spots = np.empty((len(ends) + len(middles), 2))
     spots[len(ends) :] = middles
     for e in range(len(ends)):
         p = _tip(starts, ends[e])
         spots[e, 0], spots[e, 1] = points[p, 0], points[p, 1]
-    _, order, keys, columns = sort_points(spots, reach + _STRETCH / 2)
+    _, order, keys, columns = sort_points(spots, reach)
     runs = neighborhoods(keys, columns)
     for p in range(len(order)):
         if order[p] >= len(ends):
             continue
-        end = ends[order[p]]
+        end, x, y = ends[order[p]], spots[order[p], 0], spots[order[p], 1]
         way = _outward(points, starts, end)
         best = (np.inf, np.int64(-1), 0.0)
         for row in range(3):
             for q in range(runs[p, row, 0], runs[p, row, 1]):
                 j = order[q] - len(ends)
-                if j >= 0:
-                    found = _meet(lines, (end, way), (pieces[j], owners[j]), directed, rule)
+                if j < 0:
+                    continue
+                dx, dy = middles[j, 0] - x, middles[j, 1] - y
+                if dx * dx + dy * dy <= reach * reach:
+                    found = _meet(lines, (end, way), (pieces[j], owners[j], ways[j]), directed, rule)
                     best = found if found < best else best
         if best[1] >= 0:
             hosts[end], places[end] = best[1], best[2]
@@ -72,27 +76,34 @@ def find_hosts(lines, loose, alive, directed, rule):
 @compiled
 @no_type_check
 def _stretches(points, starts, alive):
-    """Gives the middles of short stretches of all pieces between points, the piece and the line of each."""
+    """Gives the middles of short stretches of all pieces between points, and what pieces they belong to.
+
+    That is: the piece, its line, and its unit direction and length.
+    """
     total = 0
     for turn in range(2):
         if turn == 1:
             middles = np.empty((total, 2))
             pieces, owners = np.empty(total, np.int64), np.empty(total, np.int64)
+            ways = np.empty((total, 3))
             total = 0
         for c in range(len(starts) - 1):
             if not alive[c]:
                 continue
             for i in range(starts[c], starts[c + 1] - 1):
                 dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
-                count = int(np.sqrt(dx * dx + dy * dy) / _STRETCH) + 1
+                length = np.sqrt(dx * dx + dy * dy)
+                count = int(length / _STRETCH) + 1 if length > 0 else 0
                 if turn == 1:
                     for k in range(count):
                         share = (k + 0.5) / count
                         middles[total + k, 0] = points[i, 0] + share * dx
                         middles[total + k, 1] = points[i, 1] + share * dy
                         pieces[total + k], owners[total + k] = i, c
+                        ways[total + k, 0], ways[total + k, 1] = dx / length, dy / length
+                        ways[total + k, 2] = length
                 total += count
-    return middles, pieces, owners
+    return middles, pieces, owners, ways
 
 
 @compiled(inline=True)
@@ -126,22 +137,17 @@ def _meet(lines, tip, piece, directed, rule):
     """Gives the cost at which an end meets a piece of a line (infinite: none), that line and the place."""
     (points, arcs, starts), (end, way) = lines, tip
     radius, reach, straight = rule
-    (i, c), nothing = piece, (np.inf, np.int64(-1), 0.0)
-    tip = _tip(starts, end)
-    x, y = points[tip, 0], points[tip, 1]
-    dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
-    length = np.sqrt(dx * dx + dy * dy)
-    if length == 0:
-        return nothing
-    dx, dy = dx / length, dy / length
+    (i, c, unit), nothing = piece, (np.inf, np.int64(-1), 0.0)
+    dx, dy, length = unit[0], unit[1], unit[2]
     cosine = way[0] * dx + way[1] * dy
     onward = cosine if end & 1 else -cosine
     if (onward if directed else abs(onward)) < straight:
         return nothing
-    gx, gy = x - points[i, 0], y - points[i, 1]
+    tip = _tip(starts, end)
+    gx, gy = points[tip, 0] - points[i, 0], points[tip, 1] - points[i, 1]
     along, beside = gx * dx + gy * dy, gx * dy - gy * dx  # beside: of the tip, positive on the left
     foot = min(max(along, 0.0), length)
-    distance = np.sqrt((along - foot) ** 2 + beside**2)
+    distance = np.sqrt((along - foot) * (along - foot) + beside * beside)
     sine = way[0] * dy - way[1] * dx
     cost = distance
     if distance > radius:

@@ -1,19 +1,21 @@
-"""What comes in: segments as the arrays that kernels take, and numbers that must be in range."""
+"""What comes in and goes out: segments as arrays that kernels take, what they give, numbers in range."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yolino.types import Segments
+from yolino.compiled import compiled
+from yolino.types import Polylines, Segments
 
 _NO_CLASSES = np.empty((0, 0))
 
 # Pixels. A polyline out there would have millions of vertices.
 FARTHEST = 1e7
+_TOO_FAR = f"endpoints lie farther than {FARTHEST:.0e} pixels from the origin; drop those segments first."
 
 
 class SegmentArrays(NamedTuple):
@@ -36,26 +38,46 @@ def segment_arrays(segments: Segments) -> SegmentArrays:
     """Gives the arrays of `segments`, copied only where they are not writable or not in C order."""
     given = segments.probabilities
     return SegmentArrays(
-        _plain(segments.endpoints),
-        _plain(segments.scores),
-        _plain(segments.labels),
-        _NO_CLASSES if given is None else _plain(given),
+        plain(segments.endpoints),
+        plain(segments.scores),
+        plain(segments.labels),
+        _NO_CLASSES if given is None else plain(given),
     )
 
 
-def _plain(array: NDArray[Any]) -> NDArray[Any]:
+def traced_lines(found: tuple[NDArray[Any], ...], segments: Segments) -> Polylines:
+    """Gives the polylines that a linker's kernel found: vertices, offsets, scores, labels and class shares.
+
+    Where the segments have no class probabilities, the shares are dropped.
+    """
+    vertices, offsets, scores, labels, shares = found
+    return Polylines.trusted(
+        vertices, offsets, scores, labels, None if segments.probabilities is None else shares
+    )
+
+
+def plain(array: NDArray[Any]) -> NDArray[Any]:
+    """Gives the array if it is writable and in C order, else a copy that is."""
     return array if array.flags.carray else array.copy("C")
 
 
-def check_segments(segments: Segments) -> None:
-    """Raises a ValueError if end points or scores are not finite, or a score is negative."""
-    if not (np.isfinite(segments.endpoints).all() and np.isfinite(segments.scores).all()):
+@compiled
+@no_type_check
+def check_segments(endpoints, scores):
+    """Raises a ValueError if end points or scores are not finite, far away, or a score is negative."""
+    finite, farthest, lowest = True, 0.0, 0.0
+    for i in range(len(scores)):
+        for k in range(4):
+            value = endpoints[i, k >> 1, k & 1]
+            finite &= np.isfinite(value)
+            farthest = max(farthest, abs(value))
+        finite &= np.isfinite(scores[i])
+        lowest = min(lowest, scores[i])
+    if not finite:
         raise ValueError("endpoints or scores hold NaN or infinity; drop those segments first.")
-    if np.abs(segments.endpoints).max(initial=0.0) > FARTHEST:
-        raise ValueError(
-            f"endpoints lie farther than {FARTHEST:.0e} pixels from the origin; drop those segments first."
-        )
-    if segments.scores.min(initial=0.0) < 0:
+    if farthest > FARTHEST:
+        raise ValueError(_TOO_FAR)
+    if lowest < 0:
         raise ValueError("scores must be at least 0; drop the other segments first.")
 
 

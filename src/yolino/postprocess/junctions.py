@@ -51,11 +51,25 @@ def join_lines(lines, rings, alive, directed, rules):
         if hosts[2 * c] >= 0 and hosts[2 * c] == hosts[2 * c + 1]:
             beside[c] = short[c] or _runs_beside(lines, c, hosts[2 * c], places, margin)
     if _prune(ends, passes[0], passes[2], alive, (short, beside)):
-        for c in range(len(rings)):
-            loose[2 * c] = loose[2 * c + 1] = alive[c] and not rings[c]
-        hosts, places = find_hosts(lines, loose, alive, directed, host_rule)
+        _meet_others(lines, (hosts, places), alive, directed, host_rule)
         ends, passes = _group(lines, rings, hosts, places, snap)
     return _locate(lines, alive, ends, passes), ends, passes
+
+
+@compiled
+@no_type_check
+def _meet_others(lines, met, alive, directed, rule):
+    """Finds new hosts for the ends whose host is no longer alive: the others have the best of all still."""
+    hosts, places = met
+    lost = np.zeros(len(hosts), np.bool_)
+    for end in range(len(hosts)):
+        if not alive[end >> 1]:
+            hosts[end] = -1
+        lost[end] = hosts[end] >= 0 and not alive[hosts[end]]
+    others, elsewhere = find_hosts(lines, lost, alive, directed, rule)
+    for end in range(len(hosts)):
+        if lost[end]:
+            hosts[end], places[end] = others[end], elsewhere[end]
 
 
 @compiled

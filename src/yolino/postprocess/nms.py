@@ -103,6 +103,7 @@ class NMS:
         self._clustering = (float(epsilon), int(min_samples))
         self._merging = (float(score_power), bool(directed), bool(keep_singletons))
         self._weighted = bool(weighted)
+        self._settings = (self._scales, *self._clustering, *self._merging)
 
     def __call__(self, segments: Segments) -> Segments:
         """Gives the merged segments, in the pixels of `segments`."""
@@ -111,11 +112,11 @@ class NMS:
         arrays = segment_arrays(segments)
         endpoints, scores, labels, odds, voted = self._merge(arrays)
         if segments.probabilities is not None:
-            return Segments(endpoints, scores, labels, odds)
+            return Segments.trusted(endpoints, scores, labels, odds)
         if voted:
             names, votes = class_votes(arrays.labels, arrays.probabilities)
             labels = names[self._merge(arrays._replace(probabilities=votes))[2]]
-        return Segments(endpoints, scores, labels)
+        return Segments.trusted(endpoints, scores, labels, None)
 
     def clusters(self, segments: Segments) -> Int[np.ndarray, " n"]:
         """Gives the cluster of each segment as DBSCAN finds it, -1 for none."""
@@ -127,9 +128,7 @@ class NMS:
         """Gives endpoints, scores, labels, probabilities, and whether labels of one cluster differ."""
         epsilon, min_samples = self._clustering
         if not self._weighted and min_samples <= 2:  # one kernel for the usual case
-            return cast(
-                tuple[Any, ...], suppress(*arrays, (self._scales, epsilon, min_samples, *self._merging))
-            )
+            return cast(tuple[Any, ...], suppress(*arrays, self._settings))
         measures, points = measure(arrays.endpoints, self._scales, self._merging[1])
         check(points, arrays.scores, epsilon)
         weights = powers(arrays.scores, self._merging[0]) if self._weighted else np.empty(0)

@@ -5,54 +5,85 @@ from __future__ import annotations
 from typing import no_type_check
 
 import numpy as np
-from numpy.typing import NDArray
 
 from yolino.compiled import compiled
-from yolino.postprocess.spline import SmoothingSpline
-from yolino.types import Polylines
+from yolino.postprocess.spline import smooth_chains
 
 _PROGRESS = 0.1  # cells that a midpoint must lie ahead of the one before
 _SAME = 1e-6  # cells
 
 
-def class_votes(
-    labels: NDArray[np.int64], probabilities: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+@compiled
+@no_type_check
+def class_votes(labels, probabilities):
     """Gives the labels there are, and how much each segment is for each of them; a label alone is certain."""
     if probabilities.shape[1]:
         return np.arange(probabilities.shape[1]), probabilities
-    if (labels == labels[0]).all():
-        return labels[:1], np.ones((len(labels), 1))
-    names, index = np.unique(labels, return_inverse=True)
-    return names, np.eye(len(names))[index]
+    names = _distinct(labels)
+    votes = np.zeros((len(labels), len(names)))
+    for i in range(len(labels)):
+        votes[i, _rank(names, len(names), labels[i])] = 1.0
+    return names, votes
 
 
-def smooth_outlines(
-    outlines: tuple[
-        NDArray[np.float64],
-        NDArray[np.int64],
-        NDArray[np.float64],
-        NDArray[np.int64],
-        NDArray[np.float64] | None,
-    ],
-    kept: NDArray[np.bool_],
-    spline: SmoothingSpline,
-    cell_size: float,
-) -> Polylines:
-    """Gives the kept ones of `outline`'s polylines as smooth curves in pixels.
+@compiled
+@no_type_check
+def _distinct(labels):
+    """Gives the labels that there are, in order. Each that is new moves the larger ones: they are few."""
+    names, count = np.empty(len(labels), np.int64), 0
+    for label in labels:
+        at = _rank(names, count, label)
+        if at < count and names[at] == label:
+            continue
+        for i in range(count, at, -1):
+            names[i] = names[i - 1]
+        names[at] = label
+        count += 1
+    return names[:count]
+
+
+@compiled
+@no_type_check
+def _rank(names, count, label):
+    """Gives how many of the first names, which are in order, come before a label."""
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        if names[middle] < label:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@compiled
+@no_type_check
+def smooth_outlines(outlines, names, least, spline, cell_size):
+    """Gives `outline`'s polylines as smooth curves: vertices in pixels, offsets, scores, labels, shares.
 
     Args:
-        outlines: Points in cell units, where the points of each polyline begin, and scores, labels and
-            class probabilities (None: no classes) of polylines.
-        kept: Whether each polyline is kept.
-        spline: Gives the curve through points in cell units.
+        outlines: What `outline` gives.
+        names: Labels that the columns of the votes are for.
+        least: Smallest length and score; shorter or less sure ones, and those without length, are left out.
+        spline: Rule of the `SmoothingSpline` through points in cell units.
         cell_size: Side of a cell in pixels.
     """
-    points, offsets, scores, labels, shares = outlines
-    chosen = np.flatnonzero(kept)
-    curves, sizes = spline.smooth(points, offsets, chosen)
-    probabilities = None if shares is None else shares[chosen]
-    return Polylines(curves * cell_size, sizes, scores[chosen], labels[chosen], probabilities)
+    points, starts, lengths, means, winners, shares = outlines
+    chosen, count = np.empty(len(lengths), np.int64), 0
+    for c in range(len(lengths)):
+        if lengths[c] > 0 and lengths[c] >= least[0] and means[c] >= least[1]:
+            chosen[count] = c
+            count += 1
+    chosen = chosen[:count]
+    scores, labels, odds = np.empty(count), np.empty(count, np.int64), np.empty((count, shares.shape[1]))
+    for i in range(count):
+        scores[i], labels[i] = means[chosen[i]], names[winners[chosen[i]]]
+        for k in range(odds.shape[1]):
+            odds[i, k] = shares[chosen[i], k]
+    curves, offsets = smooth_chains(points, starts, chosen, spline)
+    for i in range(len(curves)):
+        curves[i, 0], curves[i, 1] = curves[i, 0] * cell_size, curves[i, 1] * cell_size
+    return curves, offsets, scores, labels, odds
 
 
 @compiled
@@ -81,15 +112,12 @@ def outline(chains, endpoints, scores, votes):
         filled = _collect(endpoints[first:stop], rings[c], points, filled)
         starts[c + 1] = filled
         for p in range(starts[c] + 1, filled):
-            arcs[c] += np.sqrt(
-                (points[p, 0] - points[p - 1, 0]) ** 2 + (points[p, 1] - points[p - 1, 1]) ** 2
-            )
+            dx, dy = points[p, 0] - points[p - 1, 0], points[p, 1] - points[p - 1, 1]
+            arcs[c] += np.sqrt(dx * dx + dy * dy)
         total = 0.0
         for p in range(first, stop):
-            length = np.sqrt(
-                (endpoints[p, 1, 0] - endpoints[p, 0, 0]) ** 2
-                + (endpoints[p, 1, 1] - endpoints[p, 0, 1]) ** 2
-            )
+            dx, dy = endpoints[p, 1, 0] - endpoints[p, 0, 0], endpoints[p, 1, 1] - endpoints[p, 0, 1]
+            length = np.sqrt(dx * dx + dy * dy)
             total += length
             means[c] += scores[p] * length
             for k in range(votes.shape[1]):

@@ -43,13 +43,13 @@ def _precedes(rows, i, j):
 
 @compiled
 @no_type_check
-def sort_segments(endpoints, scores, labels, votes):
-    """Gives end points, scores and votes of the segments sorted by end points, scores and labels."""
+def sort_segments(endpoints, scores, labels, votes, cell_size):
+    """Gives end points in cell units, scores and votes of segments, sorted by these, scores and labels."""
     n = len(endpoints)
     rows = np.empty((n, 6))
     for i in range(n):
         for k in range(4):
-            rows[i, k] = endpoints[i, k >> 1, k & 1]
+            rows[i, k] = endpoints[i, k >> 1, k & 1] / cell_size
         rows[i, 4], rows[i, 5] = scores[i], labels[i]
     order = sort_rows(rows)
     new_endpoints, new_scores, new_votes = np.empty_like(endpoints), np.empty(n), np.empty_like(votes)
@@ -57,7 +57,7 @@ def sort_segments(endpoints, scores, labels, votes):
         i = order[p]
         new_scores[p] = scores[i]
         for k in range(4):
-            new_endpoints[p, k >> 1, k & 1] = endpoints[i, k >> 1, k & 1]
+            new_endpoints[p, k >> 1, k & 1] = rows[i, k]
         for k in range(votes.shape[1]):
             new_votes[p, k] = votes[i, k]
     return new_endpoints, new_scores, new_votes

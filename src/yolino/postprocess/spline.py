@@ -31,6 +31,9 @@ class SmoothingSpline:
         spacing: Largest distance between samples, in the unit of the points.
         degree: Degree of the spline, 1 to 5.
 
+    Attributes:
+        rule: Spacing, degree and smoothing, as kernels take them.
+
     Raises:
         ValueError: If an argument is out of range.
     """
@@ -40,7 +43,7 @@ class SmoothingSpline:
         check_positive(spacing=spacing)
         if degree not in (1, 2, 3, 4, 5):
             raise ValueError(f"degree is {degree}, but 1, 2, 3, 4 or 5 is needed.")
-        self._spacing, self._rule = float(spacing), (int(degree), float(smoothing))
+        self.rule = float(spacing), int(degree), float(smoothing)
 
     def __call__(self, points: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "v 2"]:
         """Gives the samples, from the first point's end of the curve to the last one's.
@@ -72,15 +75,15 @@ class SmoothingSpline:
             offsets: Where the points of each chain begin, and the last end.
             chosen: Indices of the chains to smooth.
         """
-        curves, starts = _smooth_chains(points, (offsets, chosen), self._spacing, self._rule)
+        curves, starts = smooth_chains(points, offsets, chosen, self.rule)
         return curves, starts
 
 
 @compiled
 @no_type_check
-def _smooth_chains(points, chains, spacing, rule):
-    """Gives the samples of the chosen chains, at most `spacing` apart, and where those of each begin."""
-    offsets, chosen = chains
+def smooth_chains(points, offsets, chosen, rule):
+    """Does what `SmoothingSpline.smooth` does, with the spacing, degree and bound of the spline as rule."""
+    spacing = rule[0]
     at, starts = np.zeros(len(points)), np.zeros(len(chosen) + 1, np.int64)
     for c in range(len(chosen)):
         first, stop = offsets[chosen[c]], offsets[chosen[c] + 1]
@@ -138,7 +141,7 @@ def _smooth_chain(at, points, even, curve, rule):
 
     The time of a fit grows faster than its points: a long chain is fitted in windows that overlap.
     """
-    degree, smoothing = rule
+    _, degree, smoothing = rule
     first = last = low = high = 0
     while last < len(at):
         last = len(at) if len(at) - first <= _WINDOW else first + _WINDOW

@@ -34,39 +34,45 @@ def segments_above(
         threshold: Lowest score.
 
     Raises:
-        ValueError: End points of such a segment are not finite.
+        ValueError: End points or probabilities of such a segment are not finite.
     """
     given = _NO_CLASSES if probabilities is None else probabilities
-    # As numpy compares: in the precision of the scores, so that a score of .9 reaches the threshold .9.
-    points, kept, shares, finite = _above(endpoints, scores, given, np.float32(threshold))
+    points, kept, labels, shares, finite = _above(endpoints, scores, given, threshold)
     if not finite:
         raise ValueError(
-            "The network gave end points that are not finite: its file is damaged or its precision too low."
+            "The network gave end points or class probabilities that are not finite: its file is damaged or "
+            "its precision too low."
         )
-    return Segments(points, kept, probabilities=None if probabilities is None else shares)
+    return Segments.trusted(points, kept, labels, None if probabilities is None else shares)
 
 
 @compiled
 @no_type_check
 def _above(endpoints, scores, probabilities, threshold):
-    """Gives end points, scores and probabilities, and whether all end points are finite."""
-    count = 0
+    """Gives end points, scores, likeliest labels and probabilities, and whether all but scores are finite."""
+    # As numpy compares: in the precision of the scores, so that a score of .9 reaches the threshold .9.
+    least, count = np.float32(threshold), 0
     for i in range(len(scores)):
-        count += scores[i] >= threshold
-    points, kept = np.empty((count, 2, 2)), np.empty(count)
+        count += scores[i] >= least
+    chosen, at = np.empty(count + 1, np.int64), 0
+    for i in range(len(scores)):  # without branches, which the processor would guess wrong
+        chosen[at] = i
+        at += scores[i] >= least
+    points, kept, labels = np.empty((count, 2, 2)), np.empty(count), np.zeros(count, np.int64)
     shares = np.empty((count, probabilities.shape[1]))
-    total, at = 0.0, 0
-    for i in range(len(scores)):
-        if scores[i] >= threshold:
-            kept[at] = scores[i]
-            for k in range(4):
-                value = np.float64(endpoints[i, k >> 1, k & 1])
-                points[at, k >> 1, k & 1] = value
-                total += abs(value)
-            for k in range(probabilities.shape[1]):
-                shares[at, k] = probabilities[i, k]
-            at += 1
-    return points, kept, shares, np.isfinite(total)
+    total = 0.0
+    for at in range(count):
+        i = chosen[at]
+        kept[at] = scores[i]
+        for k in range(4):
+            points[at, k >> 1, k & 1] = endpoints[i, k >> 1, k & 1]
+            total += abs(points[at, k >> 1, k & 1])
+        for k in range(probabilities.shape[1]):
+            shares[at, k] = probabilities[i, k]
+            total += abs(shares[at, k])
+            if shares[at, k] > shares[at, labels[at]]:
+                labels[at] = k
+    return points, kept, labels, shares, np.isfinite(total)
 
 
 __all__ = ["segments_above"]

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from yolino.compiled import compiled
 from yolino.postprocess.forest import average_levels, cut_branches, cut_cycles, find_successors, leaves_first
-from yolino.postprocess.inputs import check_not_negative, check_positive, check_segments, segment_arrays
+from yolino.postprocess.inputs import (
+    check_not_negative,
+    check_positive,
+    check_segments,
+    segment_arrays,
+    traced_lines,
+)
 from yolino.postprocess.outlines import class_votes, outline, smooth_outlines
 from yolino.postprocess.sorting import sort_segments
 from yolino.postprocess.spline import SmoothingSpline
@@ -92,8 +98,8 @@ class TreeLinker:
         self._steepest = np.inf if max_downward_cells is None else float(max_downward_cells)
         self._lowest = np.inf if image_height is None else image_height / cell_size - 0.5
         self._radii = (float(successor_radius_cells), float(branch_radius_cells))
-        self._least = (int(min_segments), float(min_length_cells), float(min_score))
-        self._spline = SmoothingSpline(smoothing)
+        self._levels, self._least = int(min_segments), (float(min_length_cells), float(min_score))
+        self._spline = SmoothingSpline(smoothing).rule
 
     def __call__(self, segments: Segments) -> Polylines:
         """Gives the polylines of the segments, in the same pixels."""
@@ -101,7 +107,7 @@ class TreeLinker:
 
     def link_with_counts(self, segments: Segments) -> tuple[Polylines, LinkCounts]:
         """Gives the polylines of the segments, in the same pixels, and what was taken away on the way."""
-        check_segments(segments)
+        check_segments(*segment_arrays(segments)[:2])
         if not self._directed:
             segments = segments.with_endpoints(_turn_upwards(segments.endpoints))
         drop = segments.endpoints[:, 1, 1] - segments.endpoints[:, 0, 1]
@@ -112,17 +118,10 @@ class TreeLinker:
         if len(segments) == 0:
             none = Polylines(np.zeros((0, 2)), probabilities=segments.probabilities)
             return none, LinkCounts(downward, 0, 0, 0)
-        endpoints, scores, labels, probabilities = segment_arrays(segments)
-        names, votes = class_votes(labels, probabilities)
-        (points, starts, lengths, means, winners, shares), sizes, cycles, branches = _link(
-            (endpoints / self._cell_size, scores, labels, votes), self._radii, self._lowest
-        )
-        levels, length, score = self._least
-        kept = (sizes >= levels) & (lengths > 0) & (lengths >= length) & (means >= score)
-        classes = None if segments.probabilities is None else shares
-        outlines = (points, starts, means, names[winners], classes)
-        lines = smooth_outlines(outlines, kept, self._spline, self._cell_size)
-        return lines, LinkCounts(downward, cycles, branches, len(kept) - len(lines))
+        rules = (self._cell_size, self._radii, self._lowest, self._levels, self._least, self._spline)
+        found, cycles, branches, trees = _link(*segment_arrays(segments), rules)
+        lines = traced_lines(found, segments)
+        return lines, LinkCounts(downward, cycles, branches, trees - len(lines))
 
 
 def _turn_upwards(endpoints: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -133,14 +132,19 @@ def _turn_upwards(endpoints: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @compiled
 @no_type_check
-def _link(segments, radii, lowest):
-    """Gives the outlines of the trees in cell units, their levels, and the numbers of cycles and branches."""
-    endpoints, scores, labels, votes = segments
-    endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes)
+def _link(endpoints, scores, labels, probabilities, rules):
+    """Gives the polylines of segments (see `smooth_outlines`), and how many cycles, branches and trees."""
+    cell_size, radii, lowest, levels, least, spline = rules
+    names, votes = class_votes(labels, probabilities)
+    endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes, cell_size)
     successors, gaps = find_successors(endpoints, radii[0], lowest)
     cycles = cut_cycles(successors, gaps)
     order = leaves_first(successors)
     trees, branches = cut_branches(endpoints, (successors, gaps), order, radii[1])
     lines, means, chances, offsets = average_levels((endpoints, scores, votes), successors, trees, order)
     open_ends = np.zeros(len(offsets) - 1, np.bool_)
-    return outline((offsets, open_ends), lines, means, chances), offsets[1:] - offsets[:-1], cycles, branches
+    outlines = outline((offsets, open_ends), lines, means, chances)
+    for c in range(len(open_ends)):
+        if offsets[c + 1] - offsets[c] < levels:
+            outlines[2][c] = 0.0  # as if it had no length: it is left out
+    return smooth_outlines(outlines, names, least, spline, cell_size), cycles, branches, len(open_ends)

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
-from numpy.typing import NDArray
 
 from yolino.geometry import fit_matrix, transform_points
-from yolino.image import as_rgb
-from yolino.io import image_size, read_image, reduce_image
 from yolino.training.erase import erase_outer_line
+from yolino.training.frames import Frames, corners_of, reduction, warp_pixels
 from yolino.training.photometric import Photometric, check_probabilities
 from yolino.types import Polylines, Sample
 
 Matrix = Float[np.ndarray, "3 3"]
-
-_ENLARGED = 1.25  # little is lost, and decoding at half the size takes a third of the time
 
 PRESETS: dict[str, dict[str, Any]] = {
     "none": {},
@@ -187,6 +181,7 @@ class Augment:
         photometric: Mapping[str, Any] | None = None,
         lines: Mapping[str, Any] | None = None,
         fill: int = 114,
+        frames: Frames | None = None,
     ) -> None:
         """Takes the network's size and what may change; without changes the image is only fitted.
 
@@ -197,7 +192,9 @@ class Augment:
             photometric: Arguments of `Photometric`.
             lines: Arguments of `Lines`.
             fill: Gray value where the image does not reach.
+            frames: Where pixels come from; by default files are decoded.
         """
+        self.frames = frames or Frames()
         self.size = (int(size[0]), int(size[1]))
         self.fit = fit
         self.lines = Lines(**_arguments(lines))
@@ -208,46 +205,18 @@ class Augment:
 
     def __call__(self, sample: Sample, rng: np.random.Generator) -> Augmented:
         """Gives the augmented image and labels; the same `rng` state gives the same result."""
-        source = _source(sample.image)
-        source_size = _size(source)
+        source = self.frames.open(sample.image)
+        source_size = self.frames.size(source)
         matrix = self.geometric.sample(self.size, rng) @ fit_matrix(source_size, self.size, self.fit)
-        image = warp(source, matrix, self.size, fill=self.fill)
+        reduce = reduction(matrix, self.size)
+        pixels = self.frames.pixels(source, reduce, source_size)
+        image = warp_pixels(pixels, reduce, matrix, self.size, fill=self.fill)
         polylines = sample.polylines.with_vertices(transform_points(sample.polylines.vertices, matrix))
         if rng.random() < self.lines.erase:
-            corners = transform_points(_corners(source_size), matrix)
+            corners = transform_points(corners_of(source_size), matrix)
             image, polylines = erase_outer_line(image, polylines, rng, corners=corners)
         ignore = tuple(transform_points(np.asarray(polygon, np.float64), matrix) for polygon in sample.ignore)
         return Augmented(self.photometric(image, rng), polylines, ignore)
-
-
-def warp(
-    image: Path | NDArray[np.uint8], matrix: Matrix, size: tuple[int, int], *, fill: int = 114
-) -> UInt8[np.ndarray, "h w 3"]:
-    """Gives the image of `size` whose points are the points of `image` after `matrix`.
-
-    A file is decoded, and an array averaged, at the coarsest of 1, 1/2, 1/4 and 1/8 that loses little.
-
-    Args:
-        image: A file or RGB pixels.
-        matrix: From the image frame to the frame of the result.
-        size: `(height, width)` of the result.
-        fill: Gray value where the image does not reach.
-    """
-    source_size = _size(image)
-    reduce = _reduction(matrix, size)
-    pixels = _read(image, reduce, source_size) if isinstance(image, Path) else reduce_image(image, reduce)
-    # OpenCV has pixel centers at integers, we have them at .5.
-    half = _translation(0.5, 0.5)
-    inner = _translation(-0.5, -0.5) @ matrix @ np.diag([reduce, reduce, 1.0]) @ half
-    options: dict[str, Any] = {
-        "dsize": (size[1], size[0]),
-        "flags": cv2.INTER_LINEAR,
-        "borderMode": cv2.BORDER_CONSTANT,
-        "borderValue": (fill, fill, fill),
-    }
-    if np.array_equal(inner[2], (0.0, 0.0, 1.0)):
-        return np.asarray(cv2.warpAffine(pixels, inner[:2], **options))
-    return np.asarray(cv2.warpPerspective(pixels, inner, **options))
 
 
 def _arguments(values: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -256,39 +225,6 @@ def _arguments(values: Mapping[str, Any] | None) -> dict[str, Any]:
         name: tuple(float(v) for v in value) if isinstance(value, Sequence) else float(value)
         for name, value in (values or {}).items()
     }
-
-
-def _source(image: Path | NDArray[np.uint8]) -> Path | UInt8[np.ndarray, "h w 3"]:
-    """Gives a JPEG as it is, so that it can be decoded at the needed scale, and the pixels of others."""
-    if not isinstance(image, Path):
-        return as_rgb(image)
-    return image if image.suffix.lower() in (".jpg", ".jpeg") else read_image(image)
-
-
-def _size(image: Path | NDArray[np.uint8]) -> tuple[int, int]:
-    if isinstance(image, Path):
-        return image_size(image)
-    return image.shape[0], image.shape[1]
-
-
-def _read(path: Path, reduce: int, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
-    """Gives the file at the reduced size; EXIF may turn blocks that are cut off to the upper or left edge."""
-    if all(n % reduce == 0 for n in size):
-        return read_image(path, reduce=reduce)
-    return reduce_image(read_image(path), reduce)
-
-
-def _corners(size: tuple[int, int]) -> Float[np.ndarray, "4 2"]:
-    height, width = size
-    return np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
-
-
-def _reduction(matrix: Matrix, target: tuple[int, int]) -> int:
-    """Gives the largest reduction from which no side of the result is enlarged by more than `_ENLARGED`."""
-    at = transform_points(_corners(target), np.linalg.inv(matrix))
-    x, y = at[1] - at[0], at[3] - at[0]
-    finest = min(np.hypot(*x) / target[1], np.hypot(*y) / target[0])
-    return max(k for k in (1, 2, 4, 8) if k == 1 or k <= _ENLARGED * finest)
 
 
 def _translation(x: float, y: float) -> Matrix:

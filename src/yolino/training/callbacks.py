@@ -10,8 +10,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import torch
 from lightning.pytorch import Trainer
-from lightning.pytorch.callbacks import Callback
+from lightning.pytorch.callbacks import Callback, WeightAveraging
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from torch import Tensor
@@ -109,16 +110,43 @@ class Pictures(Callback):
             )
 
 
-def moving_average(decay: float) -> Callable[[Tensor, Tensor, Tensor | int], Tensor]:
-    """Gives the update of an exponential moving average that forgets the random start.
+class MovingAverage(WeightAveraging):
+    """Keeps an exponential moving average of the weights that forgets the random start.
 
     The decay begins small and grows with the number of updates. With a constant one of 0.998 a fifth of the
     weights were still those of the first step after 750, and validation saw a network that found nothing.
+
+    Args:
+        decay: The decay in the end.
     """
 
-    def update(average: Tensor, current: Tensor, count: Tensor | int) -> Tensor:
-        now = min(decay, (1 + int(count)) / (10 + int(count)))
-        return now * average + (1 - now) * current
+    def __init__(self, decay: float) -> None:
+        super().__init__(multi_avg_fn=averaging(decay))
+
+    def on_fit_start(self, trainer: Trainer, pl_module: Any) -> None:
+        """Moves the average to the device: Lightning makes it before it moves the module there.
+
+        The number of updates stays with the CPU, which decides with it at each step what to do.
+        """
+        assert self._average_model is not None
+        self._average_model.module.to(pl_module.device)
+
+
+def averaging(decay: float) -> Callable[[list[Tensor], list[Tensor], Tensor | int], None]:
+    """Gives the update of averages, in place: all weights in a few kernels, and nothing waits for a GPU."""
+
+    @torch.no_grad()
+    def update(averages: list[Tensor], weights: list[Tensor], count: Tensor | int) -> None:
+        count = torch.as_tensor(count).double()
+        now = ((1 + count) / (10 + count)).clamp_max(decay)
+        if not averages[0].is_floating_point():  # counts of batches
+            now = now.float()
+            for average, current in zip(averages, weights, strict=True):
+                average.copy_(now * average + (1 - now) * current)
+            return
+        kept, taken = (share.to(averages[0].dtype) for share in (now, 1 - now))
+        torch._foreach_mul_(averages, kept)
+        torch._foreach_add_(averages, torch._foreach_mul(weights, taken))
 
     return update
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -20,14 +22,19 @@ def check_experiment(experiment: Experiment) -> Header:
         That header, with a made-up threshold where validation is to choose it.
 
     Raises:
-        ValueError: The linker is unknown, a key of it or of the NMS is unknown or out of range, or what is
-            said of windows does not fit them.
+        ValueError: The linker is unknown, a key of it or of the NMS is unknown or out of range, what is said
+            of windows does not fit them, or there is no compiler for `training.compile`.
     """
     post = experiment.postprocess
     if post.linker not in LINKERS:
         raise ValueError(
             f"postprocess.linker {post.linker!r} is unknown; {suggest(post.linker, LINKERS)}"
             f"Known are {', '.join(LINKERS)}."
+        )
+    if experiment.training.compile and not has_compiler():
+        raise ValueError(
+            "training.compile needs a C++ compiler, and none is found: install g++ or clang++, name one in "
+            "the environment variable CXX, or leave training.compile=false."
         )
     check_keys("postprocess.nms", post.nms, _options(NMS))
     check_keys("postprocess.linker_options", post.linker_options, _options(LINKERS[post.linker]))
@@ -46,6 +53,11 @@ def check_experiment(experiment: Experiment) -> Header:
         with _naming(key):
             build(header)
     return header
+
+
+def has_compiler() -> bool:
+    """Tells whether `torch.compile` finds a compiler for what it writes."""
+    return any(map(shutil.which, filter(None, (os.environ.get("CXX"), "g++", "clang++", "cl"))))
 
 
 def _options(kind: type) -> list[str]:

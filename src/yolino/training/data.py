@@ -26,6 +26,7 @@ from yolino.datasets.description import (
 )
 from yolino.grid import Grid
 from yolino.training.augment import GROUPS, PRESETS, Augment
+from yolino.training.frames import Frames
 from yolino.training.targets import CellTargets, Targets, cell_targets, collate
 from yolino.training.windows import Windows
 from yolino.types import Polylines, Sample
@@ -111,8 +112,10 @@ def describe(source: Source, root: Path) -> Description | None:
     return load_description(source.data if source.data.exists() else root / source.data)
 
 
-def build_augment(augmentation: Augmentation, size: tuple[int, int], fit: str) -> Augment:
-    """Gives the augmentation of a preset, with `options` replacing single values of its two groups.
+def build_augment(
+    augmentation: Augmentation, size: tuple[int, int], fit: str, *, frames: Frames | None = None
+) -> Augment:
+    """Gives the augmentation of a preset, with `options` replacing single values of its groups.
 
     Raises:
         ValueError: The preset is unknown or an option does not exist.
@@ -130,7 +133,7 @@ def build_augment(augmentation: Augmentation, size: tuple[int, int], fit: str) -
             check_keys(f"augment.options.{name}", changes, [key.name for key in fields(GROUPS[name])])
         groups[name] = {**groups.get(name, {}), **changes} if isinstance(changes, dict) else changes
     try:
-        return Augment(size, fit=fit, **groups)
+        return Augment(size, fit=fit, frames=frames, **groups)
     except TypeError as error:
         raise ValueError(
             f"augment.options do not fit the preset {augmentation.preset!r}: {error}."
@@ -236,3 +239,12 @@ def collate_examples(examples: Sequence[Example]) -> Batch:
         tuple(e.polylines for e in examples),
         tuple(e.ignore for e in examples),
     )
+
+
+def to_device(batch: Batch, device: torch.device) -> Batch:
+    """Moves the tensors, from pinned memory without waiting; the polylines stay with the CPU's metrics."""
+
+    def move(value: Any) -> Any:
+        return value.to(device, non_blocking=True) if isinstance(value, Tensor) else value
+
+    return batch._replace(images=move(batch.images), targets=Targets(*map(move, batch.targets)))

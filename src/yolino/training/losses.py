@@ -95,12 +95,21 @@ class Criterion(nn.Module):
 
     def forward(self, prediction: Prediction, targets: Targets) -> tuple[Losses, Matches]:
         """Gives the loss of a batch and who was responsible for what."""
-        matches = match(prediction.params.detach(), targets, self.representation, directed=self.directed)
+        matches = self.match(prediction, targets)
+        return self.losses(prediction, targets, matches), matches
+
+    def match(self, prediction: Prediction, targets: Targets) -> Matches:
+        """Gives who is responsible for what."""
+        return match(prediction.params.detach(), targets, self.representation, directed=self.directed)
+
+    def losses(self, prediction: Prediction, targets: Targets, matches: Matches) -> Losses:
+        """Gives the loss of a batch whose responsible predictors are known."""
         at = (matches.cells, matches.predictors)
         confidence = prediction.confidence.flatten(0, 1)
         free = ~targets.ignored.flatten()[:, None].expand_as(confidence)
         free = free.index_put(at, torch.zeros((), dtype=torch.bool, device=free.device))
-        count = _over_all_ranks(free.new_tensor(len(matches.cells), dtype=torch.float))
+        # Filled, not copied: a copy to the GPU would wait for all that it still has to do.
+        count = _over_all_ranks(torch.full((), float(len(matches.cells)), device=free.device))
         loc = (
             localization_loss(prediction.params.flatten(0, 1)[at], matches.encoded, self.representation)
             / count
@@ -114,4 +123,4 @@ class Criterion(nn.Module):
             )
         terms = (loc, resp, noresp, classes)
         total = torch.stack([w * term for w, term in zip(self.weights, terms, strict=True)]).sum()
-        return Losses(total, *terms), matches
+        return Losses(total, *terms)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from yolino.model.representations import Representation
@@ -30,27 +31,29 @@ class Matches(NamedTuple):
     surplus: int
 
 
-def greedy_pairs(cost: Float[Tensor, "u l p"], present: Bool[Tensor, "u l"]) -> tuple[Tensor, Tensor, Tensor]:
+def greedy_pairs(
+    cost: Float[Tensor, "u l p"], turns: Int[Tensor, " n"], counts: Sequence[int]
+) -> tuple[Tensor, Tensor, Tensor]:
     """Takes the closest pair of each cell again and again until its segments or its predictors are used up.
 
-    All cells advance together, so the number of steps is min(l, p), not the number of pairs.
+    All cells advance together, so the number of steps is min(l, p), not the number of pairs. Which cells take
+    part in a step follows from the labels alone, so no step has to wait for the result of one before.
 
     Args:
-        cost: Distance of each segment to each predictor of its cell.
-        present: Which of the l places of a cell hold a segment.
+        cost: Distance of each segment to each predictor of its cell, infinite where there is no segment.
+        turns: The cells with at least one segment, those with at least two, and so on.
+        counts: How many those are.
 
     Returns:
         Cell, segment place and predictor of each pair.
     """
-    cells, places, predictors = cost.shape
-    cost = cost.masked_fill(~present[..., None], torch.inf)
+    cells, _, predictors = cost.shape
     row = torch.arange(cells, device=cost.device)
     found: list[tuple[Tensor, Tensor, Tensor]] = []
-    for _ in range(min(places, predictors)):
-        best, at = cost.flatten(1).min(dim=1)
+    for chosen in torch.split(turns, list(counts))[:predictors]:
+        at = cost.flatten(1).min(dim=1).indices
         place, predictor = at // predictors, at % predictors
-        valid = torch.isfinite(best)
-        found.append((row[valid], place[valid], predictor[valid]))
+        found.append((chosen, place[chosen], predictor[chosen]))
         cost[row, place] = torch.inf
         cost[row, :, predictor] = torch.inf
     if not found:
@@ -77,10 +80,8 @@ def match(
         directed: Whether a segment and its reverse differ; if not, the nearer of the two counts.
     """
     encoded = representation.encode(targets.endpoints)
-    cells, compact = torch.unique_consecutive(targets.cells, return_inverse=True)
-    places = int(targets.ranks.max()) + 1 if len(cells) else 0
-    table = torch.full((len(cells), places), -1, dtype=torch.long, device=params.device)
-    table[compact, targets.ranks] = torch.arange(len(targets.cells), device=params.device)
+    table = targets.table
+    cells = targets.cells[table[:, :1].flatten()]
     here = params.flatten(0, 1)[cells]
     cost = representation.distance(encoded[table][:, :, None], here[:, None])
     if not directed:
@@ -88,7 +89,8 @@ def match(
         reverse_cost = representation.distance(backward[table][:, :, None], here[:, None])
         reverse = reverse_cost < cost
         cost = torch.minimum(cost, reverse_cost)
-    u, j, k = greedy_pairs(cost, table >= 0)
+    cost = cost.masked_fill((table < 0)[..., None], torch.inf)
+    u, j, k = greedy_pairs(cost, targets.turns, targets.counts)
     index = table[u, j]
     chosen = encoded[index]
     if not directed:

@@ -17,7 +17,7 @@ from yolino.config import Experiment
 from yolino.metrics import PointMetric
 from yolino.model.network import Network
 from yolino.postprocess.nms import NMS
-from yolino.training.data import Batch
+from yolino.training.data import Batch, to_device
 from yolino.training.losses import Criterion, Losses
 from yolino.types import Segments
 
@@ -54,6 +54,11 @@ def frozen_parts(network: Network, names: Sequence[str]) -> list[nn.Module]:
     return [parts[name] for name in names]
 
 
+def fuses(device: torch.device, precision: str) -> bool:
+    """Tells whether one kernel updates all weights: on CUDA, and where no scaled gradients are clipped."""
+    return device.type == "cuda" and precision != "16-mixed"
+
+
 class TrainingModule(LightningModule):
     """Trains and validates one network.
 
@@ -73,6 +78,9 @@ class TrainingModule(LightningModule):
         self.nms = NMS(
             float(self.network.stride), **{"directed": experiment.data.directed, **experiment.postprocess.nms}
         )
+        # Validation sees other numbers of images, for each of which compiling would begin anew.
+        compiling = experiment.training.compile
+        self.compiled = torch.compile(self.network.forward) if compiling else None
         self.scores: dict[str, float] = {}
 
     def on_train_epoch_start(self) -> None:
@@ -82,15 +90,15 @@ class TrainingModule(LightningModule):
 
     def transfer_batch_to_device(self, batch: Batch, device: torch.device, dataloader_idx: int) -> Batch:
         """Moves the tensors; the polylines stay with the CPU's metrics."""
-        targets = type(batch.targets)(*(t.to(device, non_blocking=True) for t in batch.targets))
-        return batch._replace(images=batch.images.to(device, non_blocking=True), targets=targets)
+        return to_device(batch, device)
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Gives the loss of a batch."""
-        prediction = self.network(batch.images.float())
+        prediction = (self.compiled or self.network)(batch.images.float())
         losses, matches = self.criterion(prediction, batch.targets)
         self._log_losses("train", losses, len(batch.images))
-        self.log("train/surplus", float(matches.surplus), batch_size=len(batch.images))
+        surplus = torch.full((), float(matches.surplus), device=self.device)  # a copy would wait for the GPU
+        self.log("train/surplus", surplus, batch_size=len(batch.images))
         total: Tensor = losses.total
         return total
 
@@ -131,7 +139,8 @@ class TrainingModule(LightningModule):
         training = self.experiment.training
         optimizer_class = torch.optim.AdamW if training.optimizer == "adamw" else torch.optim.Adam
         groups = self._parameter_groups()
-        optimizer = optimizer_class(groups, lr=training.lr)
+        fused = fuses(self.device, training.precision)
+        optimizer = optimizer_class(groups, lr=training.lr, fused=fused or None)
         schedule = torch.optim.lr_scheduler.LambdaLR(
             optimizer,
             lambda step: learning_rate_factor(
@@ -139,6 +148,20 @@ class TrainingModule(LightningModule):
             ),
         )
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def configure_gradient_clipping(
+        self,
+        optimizer: torch.optim.Optimizer,
+        gradient_clip_val: float | int | None = None,
+        gradient_clip_algorithm: str | None = None,
+    ) -> None:
+        """Clips the norm, as Lightning does, which refuses to with any fused optimizer in mixed precision.
+
+        It fears that gradients are still scaled then, but bf16 scales none, and fp16 fuses none (`fuses`).
+        """
+        if gradient_clip_val:
+            learned = (weights for group in optimizer.param_groups for weights in group["params"])
+            nn.utils.clip_grad_norm_(learned, gradient_clip_val)
 
     def _parameter_groups(self) -> list[dict[str, Any]]:
         """Gives what is learned: the backbone at its own rate, vectors (biases, statistics) without decay."""

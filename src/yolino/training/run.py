@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,111 +16,28 @@ from lightning.pytorch.callbacks import (
     EarlyStopping,
     ModelCheckpoint,
     TQDMProgressBar,
-    WeightAveraging,
 )
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
-from torch.utils.data import DataLoader
 
-from yolino.config import Experiment, Source, load_experiment
-from yolino.datasets import Dataset
-from yolino.grid import Grid
+from yolino.config import Experiment, load_experiment
 from yolino.io import write_atomic
 from yolino.model.checkpoint import load_checkpoint
-from yolino.training.augment import Augment
 from yolino.training.callbacks import (
     BEST,
     LAST,
     AtomicCheckpointIO,
     KeepBest,
+    MovingAverage,
     Pictures,
     ValidateLast,
-    moving_average,
 )
 from yolino.training.checks import check_experiment
-from yolino.training.data import (
-    Batch,
-    EndlessSampler,
-    Examples,
-    build_augment,
-    build_dataset,
-    collate_examples,
-    describe,
-)
+from yolino.training.data import Examples, describe
+from yolino.training.loaders import build_loaders
 from yolino.training.module import TrainingModule
-from yolino.training.windows import Windows
+from yolino.training.waiting import Waiting, advice, from_worker
 
 logger = logging.getLogger(__name__)
-CACHE = "decoded"  # folder of the decoded images, which all experiments share
-
-
-def build_examples(
-    experiment: Experiment,
-    sources: Sequence[Source],
-    augment: Augment,
-    *,
-    border: bool,
-    mixed: bool,
-    skip_broken: bool = False,
-) -> Examples:
-    """Gives the examples of the sources: mixed by weight for training, one after the other for validation."""
-    data, split = experiment.data, "train" if mixed else "val"
-    datasets: list[Dataset] = [
-        build_dataset(source, data.root, data.classes, split=split, skip_broken=skip_broken)
-        for source in sources
-    ]
-    if data.fit == "window":
-        cache = experiment.out / CACHE
-        datasets = [Windows(dataset, data.size, scale=data.scale, cache=cache) for dataset in datasets]
-    return Examples(
-        datasets,
-        [source.weight for source in sources] if mixed else None,
-        augment,
-        Grid(data.size, 32 >> experiment.model.upsample),
-        border=border,
-        classes=data.classes,
-        seed=experiment.training.seed,
-    )
-
-
-def build_loaders(
-    experiment: Experiment,
-    *,
-    border: bool,
-    place: Callable[[], tuple[int, int, int]] = lambda: (0, 0, 1),
-    skip_broken: bool = False,
-) -> tuple[DataLoader[Batch], DataLoader[Batch]]:
-    """Gives the training and the validation loader.
-
-    Args:
-        experiment: The experiment file.
-        border: Whether segments must end on the borders of the cells.
-        place: Tells the steps done when an epoch begins, the number of this process and of all processes.
-        skip_broken: Whether to leave out labels that cannot be read.
-    """
-
-    def examples_done() -> tuple[int, int, int]:
-        steps, rank, processes = place()
-        return steps * experiment.training.batch_size, rank, processes
-
-    data, training = experiment.data, experiment.training
-    augment = build_augment(experiment.augment, data.size, data.fit)
-    how: dict[str, Any] = {"border": border, "skip_broken": skip_broken}
-    train = build_examples(experiment, data.train, augment, mixed=True, **how)
-    val = build_examples(experiment, data.val, Augment(data.size, fit=data.fit), mixed=False, **how)
-    sampler = EndlessSampler(training.validate_every * training.batch_size, examples_done)
-    shared: dict[str, Any] = {"batch_size": training.batch_size, "collate_fn": collate_examples}
-    workers: dict[str, Any] = {"num_workers": training.workers, "persistent_workers": training.workers > 0}
-    return (
-        DataLoader[Any](train, sampler=sampler, worker_init_fn=_single_thread, **workers, **shared),
-        DataLoader[Any](val, shuffle=False, **shared),
-    )
-
-
-def _single_thread(worker: int) -> None:
-    """Keeps OpenCV's threads of several workers from fighting for the same cores."""
-    import cv2
-
-    cv2.setNumThreads(0)
 
 
 def build_trainer(
@@ -130,7 +47,7 @@ def build_trainer(
     training = experiment.training
     every: list[Callback] = [*callbacks, ValidateLast()]
     if training.ema_decay:
-        every.append(WeightAveraging(avg_fn=moving_average(training.ema_decay)))
+        every.append(MovingAverage(training.ema_decay))
     every.append(
         ModelCheckpoint(dirpath=folder, filename=LAST.removesuffix(".ckpt"), enable_version_counter=False)
     )
@@ -176,6 +93,7 @@ def train(
     Raises:
         FileNotFoundError: The experiment file or the data is missing.
         ValueError: A mistake in the file, or an earlier run of that name with other settings.
+        OSError: Something cannot be written.
     """
     experiment = with_licence(load_experiment(config, overrides))
     check_experiment(experiment)
@@ -192,11 +110,13 @@ def train(
         place=lambda: (trainer.global_step, trainer.global_rank, trainer.world_size),
         skip_broken=skip_broken,
     )
+    assert isinstance(loader.dataset, Examples)
     assert isinstance(val_loader.dataset, Examples)
     _claim(folder, experiment)
     callbacks = [
         Pictures(val_loader.dataset, experiment.postprocess.threshold or 0.5),
         KeepBest(experiment, folder),
+        Waiting(loader, advice(experiment, loader.dataset)),
     ]
     for name in ("lightning.pytorch", "lightning.fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)  # advertisements, and what was found or not
@@ -217,6 +137,8 @@ def train(
             kept = f"goes on from {last}" if last.is_file() else "begins anew: nothing was validated yet"
             logger.warning("stopped at step %d; the same command %s", trainer.global_step, kept)
             raise
+        except (OSError, ValueError) as error:
+            raise from_worker(error) from error
     return folder / BEST
 
 
@@ -276,6 +198,8 @@ _FREE = (
     "training.threads",
     "training.devices",
     "training.accelerator",
+    "training.compile",
+    "data.cache",
     "out",
 )
 

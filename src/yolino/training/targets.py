@@ -41,6 +41,9 @@ class Targets(NamedTuple):
         endpoints: Start and end point in cell units.
         labels: Class index of each segment.
         ignored: Cells of each image that lie in an ignore region.
+        table: For each of the u cells that hold any, its segments by rank; -1 beyond its last one.
+        turns: Rows of `table` that hold a segment of rank 0, then those that hold one of rank 1, and so on.
+        counts: How many rows that are, for each rank: numbers that a GPU need not be asked for.
     """
 
     cells: Int[Tensor, " n"]
@@ -48,6 +51,9 @@ class Targets(NamedTuple):
     endpoints: Float[Tensor, "n 2 2"]
     labels: Int[Tensor, " n"]
     ignored: Bool[Tensor, "b s"]
+    table: Int[Tensor, "u l"]
+    turns: Int[Tensor, " n"]
+    counts: tuple[int, ...]
 
 
 def ignored_cells(ignore: Sequence[NDArray[np.float64]], grid: Grid) -> NDArray[np.bool_]:
@@ -77,10 +83,18 @@ def collate(samples: Sequence[CellTargets]) -> Targets:
     size = len(samples[0].ignored)
     cells = np.concatenate([s.cells + i * size for i, s in enumerate(samples)])
     first = np.searchsorted(cells, cells, side="left")
+    ranks = np.arange(len(cells)) - first
+    rows = np.cumsum(ranks == 0) - 1
+    counts = np.bincount(ranks)
+    table = np.full((counts[0] if len(counts) else 0, len(counts)), -1)
+    table[rows, ranks] = np.arange(len(cells))
     return Targets(
         torch.from_numpy(cells),
-        torch.from_numpy(np.arange(len(cells)) - first),
+        torch.from_numpy(ranks),
         torch.from_numpy(np.concatenate([s.endpoints for s in samples])),
         torch.from_numpy(np.concatenate([s.labels for s in samples])),
         torch.from_numpy(np.stack([s.ignored for s in samples])),
+        torch.from_numpy(table),
+        torch.from_numpy(rows[np.argsort(ranks, kind="stable")]),
+        tuple(counts.tolist()),
     )

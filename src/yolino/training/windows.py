@@ -6,10 +6,8 @@ costs what it shows, not what the image holds.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from functools import cached_property
-from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,23 +17,24 @@ from numpy.typing import NDArray
 
 from yolino.datasets import Dataset
 from yolino.geometry import resample
-from yolino.io import image_size, write_atomic
-from yolino.training.augment import warp
+from yolino.io import image_size
+from yolino.training.cache import PixelCache
+from yolino.training.frames import warp
 from yolino.types import Polylines, Sample
 
 _APART = 32.0  # pixels of the network between neighboring places to look at along a line
 
 
-class PixelCache:
+class ScaledImages:
     """Gives images at one scale, each decoded once and then mapped from a file.
 
     Args:
-        folder: Where the files are kept; they take three bytes per pixel.
+        cache: Where the pixels are kept.
         scale: Pixels of the result per pixel of the image.
     """
 
-    def __init__(self, folder: Path, scale: float) -> None:
-        self.folder, self.scale = folder, float(scale)
+    def __init__(self, cache: PixelCache, scale: float) -> None:
+        self.cache, self.scale = cache, float(scale)
 
     def __call__(self, image: Path | NDArray[np.uint8]) -> UInt8[np.ndarray, "h w 3"]:
         """Gives the pixels of an image at the scale.
@@ -43,29 +42,24 @@ class PixelCache:
         Raises:
             FileNotFoundError: There is no such image.
             ValueError: It cannot be decoded.
+            OSError: Its pixels cannot be written.
         """
         if not isinstance(image, Path):
             return image if self.scale == 1 else self._scaled(image)
-        file = self.folder / f"{self._key(image)}.npy"
-        if not file.is_file():
-            buffer = BytesIO()
-            np.save(buffer, self._scaled(image))
-            write_atomic(file, buffer.getvalue())
-        mapped: UInt8[np.ndarray, "h w 3"] = np.load(file, mmap_mode="r")
-        return mapped
+        return self.cache(image, repr(self.scale), lambda: self._scaled(image))
 
     def size(self, image: Path | NDArray[np.uint8]) -> tuple[int, int]:
         """Gives `(height, width)` of an image at the scale."""
         height, width = image_size(image) if isinstance(image, Path) else image.shape[:2]
         return max(round(height * self.scale), 1), max(round(width * self.scale), 1)
 
+    def bytes_of(self, image: Path) -> tuple[int, bool]:
+        """Gives the bytes that the pixels of an image take on the disk, and whether they are there."""
+        height, width = self.size(image)
+        return 3 * height * width, self.cache.has(image, repr(self.scale))
+
     def _scaled(self, image: Path | NDArray[np.uint8]) -> UInt8[np.ndarray, "h w 3"]:
         return warp(image, np.diag([self.scale, self.scale, 1.0]), self.size(image))
-
-    def _key(self, image: Path) -> str:
-        state = image.stat()
-        text = f"{image.resolve()} {state.st_size} {state.st_mtime_ns} {self.scale!r}"
-        return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 class _Labels(NamedTuple):
@@ -84,7 +78,7 @@ class Windows:
         dataset: The whole images.
         size: `(height, width)` of a window in pixels of the network.
         scale: Pixels of the network per pixel of the image.
-        cache: Folder for the decoded images.
+        cache: Where the decoded images are kept.
         margin: How many times larger than `size` a drawn window is, so that there are pixels left where it
             is turned.
         near_lines: Share of drawn windows whose center lies on a line.
@@ -96,12 +90,12 @@ class Windows:
         size: tuple[int, int],
         *,
         scale: float,
-        cache: Path,
+        cache: PixelCache,
         margin: float = 1.8,
         near_lines: float = 0.8,
     ) -> None:
         self.dataset, self.size, self.scale = dataset, size, float(scale)
-        self.pixels, self.margin, self.near_lines = PixelCache(cache, scale), margin, near_lines
+        self.pixels, self.margin, self.near_lines = ScaledImages(cache, scale), margin, near_lines
         self.classes, self.directed = dataset.classes, dataset.directed
 
     @cached_property
@@ -215,4 +209,4 @@ def _outside(size: tuple[int, int], box: Float[np.ndarray, "2 2"]) -> list[Float
     ]
 
 
-__all__ = ["PixelCache", "Windows"]
+__all__ = ["ScaledImages", "Windows"]

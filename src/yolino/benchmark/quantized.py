@@ -1,0 +1,60 @@
+"""A network quantized only to be timed: with one frame, without asking what it costs in accuracy."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+
+from yolino.benchmark.measure import lacking
+from yolino.benchmark.setup import Setup
+from yolino.export.calibration import Inputs
+from yolino.export.run import FORMATS
+from yolino.export.source import read_source
+from yolino.inference import Predictor
+from yolino.types import Polylines, Sample
+
+
+def quantized_copies(file: Path, setup: Setup) -> list[Path]:
+    """Gives the int8 copies of a model file, one for each format; none where it cannot be quantized here.
+
+    Args:
+        file: An fp32 .onnx file; of another file there are no copies.
+        setup: The frame, and a folder for the copies.
+    """
+    if file.suffix != ".onnx" or lacking("nncf", "openvino", "onnx"):
+        return []
+    source = read_source(file)
+    if source.header.precision == "int8":
+        return []
+    predictor = Predictor(FORMATS["onnx"]().open(file))
+    inputs = Inputs(predictor, _Frame(setup.frame), 1, lambda indices, title: indices)
+    copies = []
+    for name, kind in FORMATS.items():
+        target = kind()
+        copy = setup.folder / f"{file.stem}-{name}-int8{target.suffix}"
+        target.save(
+            target.quantize(source.data, inputs), dataclasses.replace(source.header, precision="int8"), copy
+        )
+        copies.append(copy)
+    return copies
+
+
+class _Frame:
+    """The frame as a dataset of one image."""
+
+    def __init__(self, image: UInt8[np.ndarray, "h w 3"]) -> None:
+        self.classes: tuple[str, ...] = ()
+        self.directed = True
+        self._sample = Sample("frame", image, Polylines.from_list([]))
+
+    def __len__(self) -> int:
+        return 1
+
+    def __getitem__(self, index: int) -> Sample:
+        return self._sample
+
+
+__all__ = ["quantized_copies"]

@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from yolino.benchmark import SECTIONS, summary
+from yolino.benchmark.summary import ROWS
+
+
+def _result(**sections: dict[str, tuple[float | None, str]]) -> dict[str, Any]:
+    return {
+        "sections": {
+            name: {
+                "measures": {key: {"value": value, "unit": unit} for key, (value, unit) in measures.items()}
+            }
+            for name, measures in sections.items()
+        }
+    }
+
+
+def test_a_row_has_its_numbers_with_units() -> None:
+    result = _result(nms={"500_ours": (0.03012, "ms"), "500_speedup": (75.4, "x")})
+    head, line, row = summary(result).splitlines()
+    assert head == "| what | median | beside it, in the same run |"
+    assert line == "|---|---|---|"
+    assert row == "| NMS of 500 candidates | 0.0301 ms | scikit-learn, same clusters: 75.4 x slower |"
+
+
+def test_what_was_not_measured_is_left_out() -> None:
+    assert len(summary(_result()).splitlines()) == 2
+    assert len(summary(_result(nms={"500_ours": (None, "ms"), "500_speedup": (75.0, "x")})).splitlines()) == 2
+    (row,) = summary(_result(nms={"500_ours": (0.03, "ms"), "500_speedup": (None, "x")})).splitlines()[2:]
+    assert row == "| NMS of 500 candidates | 0.03 ms |  |"
+
+
+def test_every_row_names_a_section() -> None:
+    named = {name for row in ROWS for text in row for name in re.findall(r"\{(\w+)\.", text)}
+    assert named <= set(SECTIONS)
