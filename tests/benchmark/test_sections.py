@@ -20,7 +20,7 @@ from yolino.config import load_experiment
 from yolino.inference import Predictor, load
 
 KEYS = {"title", "value", "unit", "low", "high", "target", "bound", "met", "note"}
-TRAIN = {"darknet19", "matching", "training", "loading"}
+TRAIN = {"darknet19", "paper", "matching", "training", "loading"}
 
 
 @pytest.fixture
@@ -41,6 +41,7 @@ def test_every_step_of_a_frame_gets_its_own_time(tiny_model, rng):
 
     engine = slow(predictor.engine, pauses["network"])
     engine.header = predictor.header
+    engine.name, engine.device, engine.precision, engine.streams = "slow", "cpu", "fp32", 1
     slowed = Predictor(
         engine,
         predictor.header,

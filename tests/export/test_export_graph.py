@@ -139,7 +139,7 @@ def test_a_network_that_disagrees_with_its_source_is_refused(tmp_path):
     compare(one, TorchEngine.of(network, header), (0.0, 0.0))
 
     class Moved:
-        header, name, device, precision = one.header, "moved", "cpu", "fp32"
+        header, name, device, precision, streams = one.header, "moved", "cpu", "fp32", 1
 
         def __init__(self, by):
             self.by = by

@@ -102,7 +102,7 @@ def test_the_f1_is_the_one_that_evaluate_reports(source: Path, labelled: Dataset
 
 def test_the_shift_by_hand() -> None:
     class Fixed:
-        header, name, device, precision = convolving_header(), "fixed", "cpu", "fp32"
+        header, name, device, precision, streams = convolving_header(), "fixed", "cpu", "fp32", 1
 
         def __init__(self, endpoints: object, scores: object) -> None:
             self.output = Output(np.array([endpoints], np.float32), np.array([scores], np.float32), None)

@@ -15,7 +15,7 @@ import pytest
 
 from yolino.header import Header
 from yolino.inference import ENGINES, Engine, open_engine
-from yolino.inference.engine_openvino import _precisions, import_openvino
+from yolino.inference.engine_openvino import _precisions, import_openvino, openvino_core
 from yolino.types import Output
 
 torch = pytest.importorskip("torch", reason="torch is the engine that the others must equal")
@@ -56,7 +56,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
 
 def write_openvino(source: Path, target: Path, header: str | None) -> None:
     runtime = import_openvino()
-    model = runtime.Core().read_model(str(source))
+    model = openvino_core().read_model(str(source))
     if header is not None:
         model.set_rt_info(header, ["yolino", "header"])
     runtime.save_model(model, str(target), compress_to_fp16=False)
@@ -119,7 +119,7 @@ def test_sixteen_bits_stay_within_a_tenth_of_a_pixel(
         with pytest.raises(ValueError, match=rf"has no precision '{precision}'; it has .*fp32"):
             opened(precision=precision)
         return
-    if name == "openvino" and precision not in _precisions(import_openvino().Core()):
+    if name == "openvino" and precision not in _precisions(openvino_core()):
         with pytest.raises(ValueError, match=f"on this processor cannot run in {precision}; it has fp32"):
             opened(precision=precision)
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+import signal
 import subprocess
 import sys
 import threading
@@ -19,10 +20,10 @@ pytest.importorskip("openvino", reason="OpenVINO runs the models of these tests"
 
 
 def write_xml(source: Path, target: Path, header: Header | str | None) -> Path:
-    from yolino.inference.engine_openvino import import_openvino
+    from yolino.inference.engine_openvino import import_openvino, openvino_core
 
     runtime = import_openvino()
-    model = runtime.Core().read_model(str(source))
+    model = openvino_core().read_model(str(source))
     if header is not None:
         text = header if isinstance(header, str) else header.to_json()
         model.set_rt_info(text, ["yolino", "header"])
@@ -140,3 +141,24 @@ def test_importing_it_loads_no_converter_and_sends_nothing(tiny_model: Path) -> 
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
+
+
+SIGNALS = """
+import os, signal, sys
+from yolino.inference import OpenVinoEngine
+told = []
+signal.signal(signal.SIGUSR1, lambda *arguments: told.append(1))
+engines = [OpenVinoEngine(sys.argv[1]) for _ in range(3)]
+while engines:
+    engines.pop(0)
+    os.kill(os.getpid(), signal.SIGUSR1)
+print(len(told))
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="needs signals as POSIX has them")
+def test_signals_are_handled_after_engines_have_gone(tiny_model: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", SIGNALS, str(tiny_model)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout.strip()) == (0, "3"), done.stderr

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from yolino.inference.engine_openvino import import_openvino
+from yolino.inference.engine_openvino import openvino_core
 
 _PRODUCTS = {
     "Convolution",
@@ -38,7 +38,7 @@ def cost_of(path: Path) -> Cost:
     Args:
         path: An exported model (.onnx or .xml).
     """
-    model = import_openvino().Core().read_model(path)
+    model = openvino_core().read_model(path)
     _, *rest = model.inputs[0].partial_shape
     model.reshape({0: [1, *(edge.get_length() for edge in rest)]})
     parameters, operations = 0, 0

@@ -37,7 +37,7 @@ EVERY = (
     "its accuracy."
 )
 # Frames per second from RGB array to polylines that this project promises on two cores.
-AIMS: dict[str, float] = {"onnxruntime fp32": 70, "openvino bf16": 140, "openvino int8": 140}
+AIMS = {"onnxruntime fp32": 70.0, "openvino bf16": 140.0, "openvino int8": 140.0}
 
 
 def measure(setup: Setup) -> Section:

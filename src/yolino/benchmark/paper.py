@@ -20,7 +20,7 @@ from yolino.model.network import Network
 
 _SIZE, _PREDICTORS = (320, 640), 8
 # Edge of a cell, blocks that double the resolution, and frames per second to reach on two cores.
-CELLS = {32: (0, 28), 16: (1, 22)}
+CELLS = {32: (0, 28.0), 16: (1, 22.0)}
 BACKBONE = "darknet19"
 ABOUT = (
     "Darknet-19 as in the paper, with random weights; the post-processing gets 500 made-up candidates around "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ def quantized_copies(file: Path, setup: Setup) -> list[Path]:
     if file.suffix != ".onnx" or lacking("nncf", "openvino", "onnx"):
         return []
     source = read_source(file)
-    if source.header.precision == "int8":
+    if source.header.precision == "int8" or not _has_convolutions(source.data):
         return []
     predictor = Predictor(FORMATS["onnx"]().open(file))
     inputs = Inputs(predictor, _Frame(setup.frame), 1, lambda indices, title: indices)
@@ -40,6 +41,12 @@ def quantized_copies(file: Path, setup: Setup) -> list[Path]:
         )
         copies.append(copy)
     return copies
+
+
+def _has_convolutions(data: bytes) -> bool:
+    """Tells whether there is more to quantize than the head."""
+    graph = import_module("onnx").load_model_from_string(data).graph
+    return [node.op_type for node in graph.node].count("Conv") > 1
 
 
 class _Frame:

@@ -10,7 +10,7 @@ import numpy as np
 from yolino.benchmark.clock import Times, race
 from yolino.benchmark.measure import Measure, Section
 from yolino.benchmark.setup import Setup
-from yolino.inference.engine_openvino import import_openvino
+from yolino.inference.engine_openvino import import_openvino, openvino_core
 
 PRECISIONS = ("fp32", "bf16", "int8")
 _EDGE = 1024
@@ -59,9 +59,7 @@ def matrix_product(precision: str, edge: int, threads: int) -> Callable[[], obje
         "PERFORMANCE_HINT": "LATENCY",
         "INFERENCE_NUM_THREADS": threads,
     }
-    compiled = (
-        import_openvino().Core().compile_model(_product_model(edge, precision == "int8"), "CPU", options)
-    )
+    compiled = openvino_core().compile_model(_product_model(edge, precision == "int8"), "CPU", options)
     request = compiled.create_infer_request()
     pixels = np.random.default_rng(0).standard_normal((edge, edge)).astype(np.float32)
     return lambda: request.infer({0: pixels}, share_inputs=True, share_outputs=True)

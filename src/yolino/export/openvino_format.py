@@ -13,6 +13,7 @@ from yolino.export.onnx_format import folded
 from yolino.export.packages import import_nncf, needed
 from yolino.export.pairs import write_pair
 from yolino.header import Header
+from yolino.inference.engine_openvino import openvino_core
 from yolino.inference.engines import METADATA_KEY, Engine, OpenVinoEngine
 
 _CONVOLUTIONS = (
@@ -35,7 +36,8 @@ class OpenVinoFormat:
 
     def convert(self, data: bytes) -> Any:
         """Gives an `openvino.Model`."""
-        return needed("openvino", "Exporting to OpenVINO").Core().read_model(data)
+        needed("openvino", "Exporting to OpenVINO")
+        return openvino_core().read_model(data)
 
     def quantize(self, data: bytes, inputs: Inputs) -> Any:
         """Gives the model quantized to 8 bits (see `Format`)."""

@@ -8,7 +8,7 @@ import logging
 import sys
 from types import ModuleType
 
-from yolino.inference.engine_openvino import import_openvino
+from yolino.inference.engine_openvino import import_openvino, openvino_core
 
 _REPORTER = "openvino_telemetry"
 
@@ -40,6 +40,7 @@ def import_nncf() -> ModuleType:
         ModuleNotFoundError: NNCF or OpenVINO is not installed.
     """
     needed("openvino", "Quantizing for OpenVINO")
+    openvino_core()  # the first one, as NNCF makes its own
     if "nncf" not in sys.modules:
         sys.modules[_REPORTER] = None  # type: ignore[assignment]  # "cannot be imported", says Python's reference
     nncf = needed("nncf", "Quantizing for OpenVINO")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import queue
 import sys
@@ -66,8 +67,7 @@ class OpenVinoEngine:
         _check_files(path)
         if device == "cuda":
             raise ValueError("OpenVINO has no device 'cuda'; use 'cpu', or another engine.")
-        runtime = import_openvino()
-        core = runtime.Core()
+        core = openvino_core()
         model = _read(core, path)
         self.header = read_header(_header_text(model, path), path)
         self._names = check_interface(path, self.header, _inputs(model), _outputs(model))
@@ -163,6 +163,19 @@ def import_openvino() -> ModuleType:
             del sys.modules[_CONVERTER]
 
 
+@functools.cache
+def openvino_core() -> Any:
+    """Gives the one `openvino.Core` of this process.
+
+    Each one gives the thread a stack for signal handlers and takes it back at its end. Where two end in the
+    order in which they began, the thread keeps one that is gone, and the next signal (Ctrl-C, or a process of
+    a data loader that ends) is a segmentation fault. One that lives as long as the process has no such end.
+    """
+    core = import_openvino().Core()
+    core.get_property("CPU", "OPTIMIZATION_CAPABILITIES")  # loads what brings the stack
+    return core
+
+
 def _check_files(path: Path) -> None:
     check_file(path)
     weights = path.with_suffix(".bin")
@@ -214,4 +227,4 @@ def _reason(error: Exception) -> str:
     return lines[-1] if lines else type(error).__name__
 
 
-__all__ = ["OPENVINO_PRECISIONS", "OpenVinoEngine", "import_openvino"]
+__all__ = ["OPENVINO_PRECISIONS", "OpenVinoEngine", "import_openvino", "openvino_core"]
