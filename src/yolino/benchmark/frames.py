@@ -22,6 +22,8 @@ STEPS = {
     "mapping": "back to the image",
 }
 CANDIDATES = 500
+# Frames of a turn, as in a video: the first one brings weights and code back into the processor's caches.
+ROW = 6
 
 
 class _Clocked:
@@ -132,4 +134,4 @@ def _repeat(output: Output, count: int) -> Output:
     )
 
 
-__all__ = ["CANDIDATES", "STEPS", "ClockedFrame", "bare_network", "made_up_output", "whole_batch"]
+__all__ = ["CANDIDATES", "ROW", "STEPS", "ClockedFrame", "bare_network", "made_up_output", "whole_batch"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from yolino.benchmark.clock import Times, race
-from yolino.benchmark.frames import CANDIDATES, STEPS, ClockedFrame, bare_network, made_up_output
+from yolino.benchmark.frames import CANDIDATES, ROW, STEPS, ClockedFrame, bare_network, made_up_output
 from yolino.benchmark.measure import Measure, Section, at_most, milliseconds, percent
 from yolino.benchmark.setup import Setup
 from yolino.inference import Predictor
@@ -26,7 +26,8 @@ ABOUT = (
     "Each frame is an RGB array in, polylines out, through the same `Predictor` that users call, with a "
     "clock between its steps. The bare network runs on the prepared input in the same rounds. The second and "
     f"the third block hand {CANDIDATES} made-up candidates around lanes to the post-processing, after the "
-    "network has run; the third links with the linker of new models."
+    "network has run; the third links with the linker of new models. A turn is "
+    f"{ROW} frames in a row, as in a video."
 )
 
 
@@ -46,7 +47,7 @@ def measure(setup: Setup) -> Section:
         "read_half": lambda: read_image(setup.jpeg, reduce=2),
         "drawing": lambda: draw_polylines(image, found.polylines),
     }
-    times = race({**frames, "network": bare, **outside}, **setup.pace, calls=1)
+    times = race({**frames, "network": bare, **outside}, **setup.pace, calls=ROW)
     titles = {
         "image": f"this image, {len(found.candidates)} candidates",
         "candidates": f"{CANDIDATES} candidates",
@@ -54,7 +55,7 @@ def measure(setup: Setup) -> Section:
     }
     measures = {"network": milliseconds("bare network", times["network"])}
     for name, frame in frames.items():
-        rows = np.array(frame.rows[-len(times[name].seconds) :])
+        rows = np.array(frame.rows[-ROW * len(times[name].seconds) :])
         for step, measured in _steps(rows, times[name], times["network"]).items():
             measures[f"{name}_{step}"] = _titled(measured, titles[name])
     measures |= {name: milliseconds(title, times[name]) for name, title in OUTSIDE.items()}
