@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -221,3 +222,22 @@ def test_importing_and_predicting_loads_no_torch(tiny_model: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_large_batch_is_linked_in_threads_with_the_results_of_one_after_the_other(tiny_model) -> None:
+    rng = np.random.default_rng(5)
+    images = [rng.integers(0, 256, (90 + i, 128, 3), dtype=np.uint8) for i in range(11)]
+    predictor, names = load(tiny_model), set[str]()
+    predictor.batch_size, linker = len(images), predictor.linker
+    expected = [predictor(image) for image in images]
+
+    def watched(segments: Segments) -> Polylines:
+        names.add(threading.current_thread().name)
+        return linker(segments)
+
+    predictor.linker = watched
+    found = predictor(images)
+    assert threading.main_thread().name not in names
+    assert [len(lines) for lines in found] == [len(lines) for lines in expected]
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one.vertices, other.vertices, atol=1e-3)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import platform
+import shutil
+import subprocess
 import sys
 from importlib import metadata
 from pathlib import Path
@@ -18,6 +20,8 @@ _PACKAGES = (
     "numba",
     "onnxruntime",
     "onnxruntime-gpu",
+    "openvino",
+    "nncf",
     "opencv-python-headless",
     "opencv-python",
     "torch",
@@ -27,16 +31,18 @@ _PACKAGES = (
 )
 
 
-def describe_machine(threads: int) -> dict[str, Any]:
-    """Gives processor, cores, threads, system, load and versions, as JSON has them.
+def describe_machine(threads: int, device: str = "cpu") -> dict[str, Any]:
+    """Gives processor, cores, threads, GPU, system, load and versions, as JSON has them.
 
     Args:
         threads: Threads that the network, OpenCV and torch may use.
+        device: Where the network runs; the GPU is named for "cuda".
     """
     return {
         "cpu": _cpu_name(),
         "cores": usable_cores(),
         "threads": threads,
+        "gpu": _gpu_name() if device == "cuda" else None,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "python": platform.python_version(),
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
@@ -52,6 +58,14 @@ def _cpu_name() -> str:
             if key.strip() == "model name":
                 return value.strip()
     return platform.processor() or platform.machine()
+
+
+def _gpu_name() -> str | None:
+    """Gives the name of the GPU as its driver tells it; None where there is no such driver."""
+    query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
+    if shutil.which(query[0]) is None:
+        return None
+    return subprocess.run(query, capture_output=True, text=True, check=False).stdout.strip() or None
 
 
 def _versions() -> dict[str, str]:

@@ -33,6 +33,8 @@ def _machine(result: dict[str, Any]) -> str:
     machine, model, settings = result["machine"], result["model"], result["settings"]
     versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
     cores = f"{machine['cores']} cores, {machine['threads']} threads"
+    if machine.get("gpu"):
+        cores += f", {machine['gpu']}"
     lines = [
         f"- Machine: {machine['cpu']}, {cores}; {machine['system']}",
         f"- Versions: Python {machine['python']}, {versions}",

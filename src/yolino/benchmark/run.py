@@ -40,6 +40,7 @@ SECTIONS: dict[str, Entry] = {
     "engines": Entry("The model on every engine", "engines", model=True),
     "paper": Entry("Darknet-19 on every engine", "paper", needs=("torch", "onnx")),
     "files": Entry("JPEG files to polylines", "files", model=True),
+    "video": Entry("Video to polylines", "video", model=True),
     "darknet19": Entry("The model beside Darknet-19", "darknet", needs=("torch", "onnx"), model=True),
     "nms": Entry("NMS beside scikit-learn", "nms"),
     "linking": Entry("Linking and spline", "linking"),
@@ -97,7 +98,7 @@ def benchmark(
     if repeats < 1 or (threads is not None and threads < 1):
         raise ValueError(f"repeats is {repeats} and threads {threads}, but both must be at least 1.")
     count = threads or usable_cores()
-    machine = describe_machine(count)
+    machine = describe_machine(count, device)
     with tempfile.TemporaryDirectory(prefix="yolino-benchmark-") as folder, opencv_threads(count):
         setup = Setup(
             Path(folder),

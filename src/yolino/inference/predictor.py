@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, overload
+from typing import TYPE_CHECKING, NamedTuple, TypeVar, overload
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from yolino.compiled import reconsider
 from yolino.header import Header
-from yolino.inference.engines import Engine
+from yolino.inference.engine import Engine, usable_cores
 from yolino.inference.postprocessing import Linker, Suppressor, build_linker, build_nms, build_quarters
 from yolino.inference.preprocess import Preprocess
 from yolino.inference.rotations import join_views, turn, turn_back, turn_predictors
@@ -33,9 +34,12 @@ if TYPE_CHECKING:
     from yolino.inference.stream import ImageResult
 
 Image = NDArray[np.generic]
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 
 DEFAULT_THRESHOLD = 0.5
 _UNWANTED = np.float32(-1)  # below every threshold
+_SEVERAL = 8  # images of a batch: starting two threads takes as long as linking half an image
 _BATCH_PIXELS = 2**20  # of windows in one run: more is not faster, but takes memory
 
 
@@ -65,7 +69,8 @@ class Predictor:
         header: What the model file says about itself; the engine's by default.
         threshold: Lowest score of a segment, 0..1; the header's by default.
         nms: Merges segments; by default the header's `NMS`.
-        linker: Joins segments to polylines; by default the header's.
+        linker: Joins segments to polylines; by default the header's. In batches of eight and more, it and
+            the NMS are called by several threads at once.
         batch_size: Images per run of the network when several are given; of large windows there are fewer.
         overlap: What neighboring windows share, in pixels of the network (see `plan_windows`).
 
@@ -119,8 +124,7 @@ class Predictor:
         every = list(images)
         lines: list[Polylines] = []
         for start in range(0, len(every), self.batch_size):
-            for found, matrix in self._detect(every[start : start + self.batch_size]):
-                lines.append(map_polylines(self.linker(self.nms(found)), matrix))
+            lines += _each(self._link, self._detect(every[start : start + self.batch_size]))
         return lines
 
     def stream(
@@ -221,11 +225,16 @@ class Predictor:
         """Gives the segments above the threshold in the network's frame, and each image's matrix back."""
         if self.header.fit == "window":
             return self._scan(images)
-        inputs, matrices = zip(*(self.preprocess(image) for image in images), strict=True)
+        inputs, matrices = zip(*_each(self.preprocess, images), strict=True)
         # One image is no copy of itself; the colors of `bgr[..., ::-1]` are turned here.
         batch = np.ascontiguousarray(inputs[0][None]) if len(inputs) == 1 else np.stack(inputs)
         output = self.engine(batch)
         return [(_above(output, i, self.threshold), matrix) for i, matrix in enumerate(matrices)]
+
+    def _link(self, detected: tuple[Segments, Float[np.ndarray, "3 3"]]) -> Polylines:
+        """Gives the polylines of what `_detect` gave for an image."""
+        found, matrix = detected
+        return map_polylines(self.linker(self.nms(found)), matrix)
 
     def _scan(self, images: list[Image]) -> list[tuple[Segments, Float[np.ndarray, "3 3"]]]:
         """Does what `_detect` does with windows; a batch may hold windows of several images."""
@@ -242,6 +251,14 @@ class Predictor:
             (join_segments(found, raster.size, self.header), self._to_scene())
             for found, raster in zip(parts, rasters, strict=True)
         ]
+
+
+def _each(work: Callable[[Item], Made], items: Sequence[Item]) -> list[Made]:
+    """Gives `work(item)` of each; in threads, where there are enough to pay for starting them."""
+    if len(items) < _SEVERAL:
+        return [work(item) for item in items]
+    with ThreadPoolExecutor(min(usable_cores(), len(items))) as pool:
+        return list(pool.map(work, items))
 
 
 def _above(
