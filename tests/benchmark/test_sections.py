@@ -16,8 +16,11 @@ from yolino.benchmark.clock import race
 from yolino.benchmark.frames import STEPS, ClockedFrame, made_up_output
 from yolino.benchmark.measure import Measure, Target, at_least, at_most
 from yolino.benchmark.process import _python, core_distributions
+from yolino.benchmark.quantized import quantized_copies
+from yolino.benchmark.setup import Setup
 from yolino.config import load_experiment
 from yolino.inference import Predictor, load
+from yolino.inference.loading import model_path
 
 KEYS = {"title", "value", "unit", "low", "high", "target", "bound", "met", "note"}
 TRAIN = {"darknet19", "paper", "matching", "training", "loading"}
@@ -196,3 +199,24 @@ def test_the_report_shows_targets_verdicts_and_notes():
     assert cells[4] == ["same", "yes", "", "yes", "yes"]
     assert "- slow: mean" in lines
     assert lines[-1] == "2 of 3 targets met; missed: two.slow; not measured: other."
+
+
+@pytest.mark.parametrize("section", ["engines", "files"])
+def test_a_quantized_model_is_told_by_its_header(section, tmp_path):
+    path = next(iter(quantized_copies(model_path("default"), Setup(tmp_path, quick=True))), None)
+    if path is None:
+        pytest.skip("nncf, OpenVINO and onnx quantize")
+    other = path.rename(tmp_path / "renamed.onnx")
+    result = benchmark(str(other), "cpu", only=[section], quick=True, threads=1)
+    names = set(result["sections"][section]["measures"])
+    assert any(name.startswith("onnxruntime_int8") for name in names)
+    assert not any("fp32" in name for name in names)
+
+
+def test_a_checkpoint_races_on_every_engine(tmp_path):
+    pytest.importorskip("torch")
+    from yolino.benchmark.paper import write_network
+
+    _, checkpoint = write_network(32, 0, Setup(tmp_path, quick=True))
+    found = benchmark(str(checkpoint), "cpu", only=["engines"], quick=True, threads=1)["sections"]["engines"]
+    assert {"torch_fp32_total", "onnxruntime_fp32_total", "operations"} <= set(found["measures"])

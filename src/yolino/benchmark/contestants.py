@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +35,7 @@ def contestants(files: Sequence[Path], setup: Setup, *, threshold: float | None 
         setup: Device, threads and streams.
         threshold: Lowest score of a segment; the header's by default.
     """
+    quantized = {file: open_engine(file).header.precision == "int8" for file in files}
     device = "cuda" if setup.device == "cuda" else "cpu"
     found: dict[str, Predictor] = {}
     absent: list[str] = []
@@ -44,10 +45,10 @@ def contestants(files: Sequence[Path], setup: Setup, *, threshold: float | None 
         if kind.missing is not None:
             absent.append(f"{name}: not measured, {kind.missing} is not installed ({kind.install})")
             continue
-        for choice, file in _choices(name, kind, files, device, setup):
+        for choice, file in _choices(name, kind, quantized, device, setup):
             try:
                 engine = open_engine(file, **vars(choice))
-            except ValueError as error:  # another precision than the file's, or none of this processor's
+            except ValueError as error:  # this processor has no such arithmetic
                 absent.append(f"{name} {choice.precision}: not measured, {error}")
                 continue
             key = f"{name} {engine.precision}"
@@ -56,12 +57,11 @@ def contestants(files: Sequence[Path], setup: Setup, *, threshold: float | None 
 
 
 def _choices(
-    name: str, kind: EngineKind, files: Sequence[Path], device: str, setup: Setup
+    name: str, kind: EngineKind, files: Mapping[Path, bool], device: str, setup: Setup
 ) -> Iterator[tuple[EngineChoice, Path]]:
-    """Gives each precision with the file that it runs from."""
-    for file in (file for file in files if file.suffix in kind.suffixes):
-        quantized = file.stem.endswith("int8")
-        for precision in kind.precisions[device]:
+    """Gives each precision with the file that it runs from; `files` says which are quantized."""
+    for file, quantized in files.items():
+        for precision in kind.precisions[device] if file.suffix in kind.suffixes else ():
             if (precision == "int8") == quantized and (name, device, precision) not in _SENSELESS:
                 yield EngineChoice(name, device, precision, setup.threads, setup.streams), file
 

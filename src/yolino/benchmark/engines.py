@@ -21,11 +21,10 @@ from yolino.benchmark.measure import (
     milliseconds,
     percent,
 )
-from yolino.benchmark.quantized import quantized_copies
+from yolino.benchmark.quantized import model_files
 from yolino.benchmark.roofline import peaks
 from yolino.benchmark.setup import Setup
 from yolino.inference import Predictor
-from yolino.inference.loading import model_path
 
 AIM_CORES = 2  # the aims in frames per second are those of two cores
 _AROUND = 10.0  # percent
@@ -42,13 +41,14 @@ AIMS = {"onnxruntime fp32": 70.0, "openvino bf16": 140.0, "openvino int8": 140.0
 
 def measure(setup: Setup) -> Section:
     """Times the model on every engine."""
-    header = setup.predictor.header
-    file = model_path(setup.model)
-    files = [file, *quantized_copies(file, setup)]
+    header, title = setup.predictor.header, f"{setup.predictor.header.name} on every engine"
+    files = model_files(setup)
     entered = contestants(files, setup, threshold=setup.predictor.threshold)
-    aims = AIMS if header.name == "default" else {}
+    if not entered.predictors:
+        return Section(title, "", not_measured=f"not measured: no engine here runs it.{say_absent(entered)}")
+    aims = AIMS if (header.name, header.precision) == ("default", "fp32") else {}
     measures = race_engines(entered, files, setup, aims=aims)
-    return Section(f"{header.name} on every engine", EVERY + say_absent(entered), measures)
+    return Section(title, EVERY + say_absent(entered), measures)
 
 
 def race_engines(
@@ -68,9 +68,10 @@ def race_engines(
         aims: Frames per second to reach on two cores, by contestant.
         made_up: Whether the post-processing gets made-up candidates in place of the network's.
     """
-    known = not lacking("openvino")
-    cost = cost_of(next(file for file in files if file.suffix != ".safetensors")) if known else None
-    top = peaks(setup) if known else {}
+    readable = [file for file in files if file.suffix in (".onnx", ".xml")]
+    known = bool(readable) and not lacking("openvino")
+    cost = cost_of(readable[0]) if known else None
+    top = peaks(setup) if known and setup.device != "cuda" else {}  # they are the processor's
     size = setup.batch
     aims = aims if setup.threads == AIM_CORES and setup.device != "cuda" else {}
     times = race(_calls(entered.predictors, setup, made_up=made_up), **setup.pace, calls=1)

@@ -10,13 +10,13 @@ import numpy as np
 
 from yolino.benchmark.clock import Times, race
 from yolino.benchmark.contestants import contestants
-from yolino.benchmark.engines import AIM_CORES
+from yolino.benchmark.engines import AIM_CORES, say_absent
 from yolino.benchmark.measure import Measure, Section, at_least
-from yolino.benchmark.quantized import quantized_copies
+from yolino.benchmark.quantized import model_files
 from yolino.benchmark.setup import Setup
 from yolino.inference import Predictor
-from yolino.inference.loading import model_path
 
+_TITLE = "JPEG files to polylines"
 _FILES = 48
 # Images per second that this project promises on two cores, decoding at half the size.
 AIMS = {"openvino bf16": 100.0, "openvino int8": 140.0}
@@ -29,16 +29,18 @@ ABOUT = (
 
 def measure(setup: Setup) -> Section:
     """Times the model on every engine."""
-    file = model_path(setup.model)
     shared = replace(setup, streams=setup.threads)
-    entered = contestants([file, *quantized_copies(file, setup)], shared, threshold=setup.predictor.threshold)
+    entered = contestants(model_files(setup), shared, threshold=setup.predictor.threshold)
+    if not entered.predictors:
+        return Section(_TITLE, "", not_measured=f"not measured: no engine here runs it.{say_absent(entered)}")
     paths = [setup.jpeg] * (4 if setup.quick else _FILES)
     calls: dict[str, Callable[[], object]] = {}
     for name, predictor in entered.predictors.items():
         calls[f"{name} whole"] = _stream(predictor, paths, reduced=False)
         calls[f"{name} half"] = _stream(predictor, paths, reduced=True)
     times = race(calls, **setup.pace, calls=1)
-    aimed = setup.threads == AIM_CORES and setup.predictor.header.name == "default"
+    header = setup.predictor.header
+    aimed = setup.threads == AIM_CORES and (header.name, header.precision) == ("default", "fp32")
     measures: dict[str, Measure] = {}
     for name, predictor in entered.predictors.items():
         title, key = predictor.engine.name, name.replace(" ", "_")
@@ -46,7 +48,7 @@ def measure(setup: Setup) -> Section:
         measures[f"{key}_whole"] = _rate(f"{title}: decoded whole", times[f"{name} whole"], len(paths), None)
         half = f"{title}: decoded at half the size"
         measures[f"{key}_half"] = _rate(half, times[f"{name} half"], len(paths), aim)
-    return Section("JPEG files to polylines", ABOUT, measures)
+    return Section(_TITLE, ABOUT, measures)
 
 
 def _stream(predictor: Predictor, paths: Sequence[Path], *, reduced: bool) -> Callable[[], object]:

@@ -1,4 +1,4 @@
-"""A network quantized only to be timed: with one frame, without asking what it costs in accuracy."""
+"""The files of a model that engines can read; quantized only to be timed, whatever that costs in accuracy."""
 
 from __future__ import annotations
 
@@ -11,11 +11,22 @@ from jaxtyping import UInt8
 
 from yolino.benchmark.measure import lacking
 from yolino.benchmark.setup import Setup
+from yolino.export import export
 from yolino.export.calibration import Inputs
 from yolino.export.run import FORMATS
 from yolino.export.source import read_source
 from yolino.inference import Predictor
+from yolino.inference.loading import model_path
 from yolino.types import Polylines, Sample
+
+
+def model_files(setup: Setup) -> list[Path]:
+    """Gives the model's file, and what is made of it: a checkpoint exported, an fp32 network quantized."""
+    file = model_path(setup.model)
+    files = [file]
+    if file.suffix == ".safetensors" and not lacking("torch", "onnx"):
+        files.append(export(file, out=setup.folder / f"{file.stem}.onnx").path)
+    return [*files, *quantized_copies(files[-1], setup)]
 
 
 def quantized_copies(file: Path, setup: Setup) -> list[Path]:
@@ -64,4 +75,4 @@ class _Frame:
         return self._sample
 
 
-__all__ = ["quantized_copies"]
+__all__ = ["model_files", "quantized_copies"]

@@ -27,11 +27,11 @@ def measure(setup: Setup) -> Section:
     edge = 64 if setup.quick else _EDGE
     source = np.zeros((2**20 if setup.quick else _BYTES) // 8)
     target = np.empty_like(source)
-    products = {precision: matrix_product(precision, edge, setup.threads) for precision in PRECISIONS}
+    products = {name: matrix_product(name, edge, setup.threads) for name in precisions_here()}
     times = race({**products, "memory": lambda: np.copyto(target, source)}, **setup.pace)
     measures = {
         precision: _per_second(f"matrix product, {precision}", 2 * edge**3, times[precision], "GFLOP/s")
-        for precision in PRECISIONS
+        for precision in products
     }
     measures["memory"] = _per_second("memory, one thread", 2 * source.nbytes, times["memory"], "GB/s")
     return Section("The most that this machine can do", ABOUT, measures)
@@ -40,9 +40,15 @@ def measure(setup: Setup) -> Section:
 def peaks(setup: Setup) -> dict[str, float]:
     """Gives the fastest matrix product of each precision in operations per second, in a second's time."""
     edge = 64 if setup.quick else _EDGE
-    products = {precision: matrix_product(precision, edge, setup.threads) for precision in PRECISIONS}
+    products = {name: matrix_product(name, edge, setup.threads) for name in precisions_here()}
     times = race(products, rounds=setup.repeats, seconds=min(setup.seconds, 1.0))
     return {name: 2 * edge**3 / float(taken.seconds.min()) for name, taken in times.items()}
+
+
+def precisions_here() -> tuple[str, ...]:
+    """Gives the precisions that this processor has; bf16 is computed in fp32 where it does not."""
+    abilities = openvino_core().get_property("CPU", "OPTIMIZATION_CAPABILITIES")
+    return tuple(name for name in PRECISIONS if name != "bf16" or "BF16" in abilities)
 
 
 def matrix_product(precision: str, edge: int, threads: int) -> Callable[[], object]:

@@ -102,10 +102,11 @@ class Setup:
     def describe_model(self) -> dict[str, Any]:
         """Gives name, file and shape of the model, as JSON has them."""
         path, header = model_path(self.model), self.predictor.header
+        files = [path, path.with_suffix(".bin")] if path.suffix == ".xml" else [path]
         return {
             "name": header.name,
             "file": path.name,
-            "megabytes": round(path.stat().st_size / 1e6, 2),
+            "megabytes": round(sum(file.stat().st_size for file in files) / 1e6, 2),
             "size": list(header.size),
             "stride": header.stride,
             "predictors": header.predictors,
