@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 import os
+import pickle
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, no_type_check
 
@@ -111,6 +114,13 @@ def test_what_a_kernel_calls_is_part_of_its_fingerprint():
     assert compiled(inline=True)(_ratios.py_func).fingerprint != before
 
 
+def test_a_kernel_is_pickled_and_copied_as_a_function_is():
+    assert pickle.loads(pickle.dumps(_ratios)) is _ratios
+    assert copy.deepcopy(_ratios) is _ratios
+    with pytest.raises(pickle.PicklingError):  # it has no name of its own
+        pickle.dumps(compiled(_ratios.py_func))
+
+
 def test_threads_that_meet_at_the_first_call_share_one_dispatcher():
     kernel = compiled(_ratio.py_func)
     start, seen = threading.Barrier(8), []
@@ -169,6 +179,107 @@ def test_the_tier_is_that_of_before_after_the_work(free):
     assert tiers._State.interpreted == before
 
 
+class _Block:
+    """A block in a thread of its own, which begins and ends when told."""
+
+    def __init__(self, manager: Any) -> None:
+        self.begun, self.end, self.given = threading.Event(), threading.Event(), None
+        self._manager, self._thread = manager, threading.Thread(target=self._run)
+        self._thread.start()
+        assert self.begun.wait(10)
+
+    def _run(self) -> None:
+        with self._manager as self.given:
+            self.begun.set()
+            assert self.end.wait(10)
+
+    def leave(self) -> None:
+        self.end.set()
+        self._thread.join()
+
+
+def _interpreted() -> bool:
+    return tiers._State.interpreted
+
+
+def test_blocks_of_two_threads_end_in_any_order(free):
+    free(True)
+    default = _interpreted()
+    for first, second in ((1, 1000), (1000, 1), (1, 1), (1000, 1000)):
+        blocks = {"first": _Block(expected(first)), "second": _Block(expected(second))}
+        assert _interpreted() == (first == second == 1)
+        for name, block in blocks.items():
+            block.leave()
+            if name == "first":
+                assert _interpreted() == (second == first == 1)
+        assert _interpreted() == default
+        assert tiers._State.claims == []
+
+
+def test_a_promise_holds_until_its_block_ends(free):
+    free(True)
+    many = _Block(expected(1000))
+    few = _Block(expected(1))  # the kernels are there anyway
+    assert many.given
+    assert few.given
+    many.leave()
+    assert not _interpreted()
+    few.leave()
+
+
+def test_nested_blocks_end_one_by_one(free):
+    free(True)
+    with expected(1):
+        with tier("compiled"):
+            assert not _interpreted()
+        assert _interpreted()
+        with tier("interpreted"):
+            assert _interpreted()
+        with pytest.raises(RuntimeError), expected(1000):
+            raise RuntimeError
+        assert _interpreted()
+
+
+def test_what_was_counted_in_an_inner_block_counts_for_the_outer(free):
+    free(True)
+    with expected(1):
+        with expected(1):
+            reconsider(9_000)
+        reconsider(6_000)
+        assert _interpreted()
+        with expected(1):
+            reconsider(1)
+            assert not _interpreted()
+        assert not _interpreted()  # the wait is over, for the outer block, too
+
+
+def test_kernels_stay_compiled_in_the_block_whose_thread_did_not_decide(free):
+    free(False)
+    patient = _Block(expected(1))
+    free(True)
+    hasty = _Block(expected(1))
+    reconsider(15_001)
+    hasty.leave()
+    assert not _interpreted()
+    patient.leave()
+
+
+def test_threads_count_together_and_say_it_once(free, caplog):
+    free(False)
+    with caplog.at_level(logging.WARNING), expected(1), ThreadPoolExecutor(8) as pool:
+        assert all(pool.map(lambda _: _interpreted(), range(8)))
+        jobs = [pool.submit(lambda: [reconsider(15) for _ in range(1_250)]) for _ in range(8)]
+        for job in jobs:
+            job.result()
+        assert _interpreted()
+        assert [claim.left for claim in tiers._State.claims] == [0]
+        jobs = [pool.submit(reconsider, 1) for _ in range(8)]
+        for job in jobs:
+            job.result()
+        assert not any(pool.map(lambda _: _interpreted(), range(8)))
+    assert len(caplog.records) == 1
+
+
 def _python(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
     environment = {key: value for key, value in os.environ.items() if key != tiers.VARIABLE} | variables
     command = [sys.executable, "-c", code]
@@ -196,10 +307,51 @@ def test_a_variable_forces_a_tier():
     )
 
 
-def test_what_is_on_disk_is_seen_where_numba_puts_it(tmp_path: Path):
-    code = "import yolino.compiled as tiers; print(tiers.are_kept())"
+_KEPT = "import yolino.compiled as tiers; print(tiers.are_kept())"
+
+
+def test_what_is_on_disk_is_seen_where_numba_puts_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """By the name that numba gives a file, and only once a linker is there, too."""
     variables = {"NUMBA_CACHE_DIR": str(tmp_path)}
-    assert _python(code, **variables).stdout == "False\n"
+    assert _python(_KEPT, **variables).stdout == "False\n"
     compile_one = "import numpy; from yolino.postprocess.merging import powers; powers(numpy.ones(2), 2.0)"
     assert _python(compile_one, **variables, YOLINO_KERNELS="compiled").returncode == 0
-    assert _python(code, **variables).stdout == "True\n"
+    assert _python(_KEPT, **variables).stdout == "False\n"
+    (made,) = tmp_path.glob("postprocess_*/*.powers.*.nbi")
+    powers = tiers._root("merging:powers")
+    end = made.name.partition(f"-{powers.py_func.__code__.co_firstlineno}.")[2]
+    assert made.name.startswith(f"merging.powers.{powers.fingerprint[:12]}-")
+    for name, kept in (("merging:suppress", "False\n"), ("tree:_link", "True\n")):
+        _keep(made.parent, name, end)
+        assert _python(_KEPT, **variables).stdout == kept
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(tiers._root("merging:suppress"), "fingerprint", "0" * 64)  # as after an upgrade
+    assert not tiers.are_kept()
+
+
+def _keep(folder: Path, name: str, end: str, **changed: Any) -> None:
+    """Makes the file that numba would keep of a kernel."""
+    kernel = tiers._root(name)
+    mark = changed.get("fingerprint", kernel.fingerprint)[:12]
+    line = changed.get("line", kernel.py_func.__code__.co_firstlineno)
+    (folder / f"{name.replace(':', '.')}.{mark}-{line}.{end}").touch()
+
+
+def test_files_of_another_version_do_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    folder, now = tmp_path / "postprocess_old", f"py{sys.version_info[0]}{sys.version_info[1]}.nbi"
+    folder.mkdir()
+    (folder / "stale.nbi").touch()
+    for name in tiers.ROOTS:
+        _keep(folder, name, now, fingerprint="0" * 12)
+        _keep(folder, name, now, line=1)
+        _keep(folder, name, "py310.nbi")
+    assert not tiers.are_kept()
+    for name in tiers.ROOTS[:2]:
+        _keep(folder, name, now)
+    assert tiers.are_kept()
+
+
+def test_the_roots_are_what_predicting_calls():
+    assert {name.partition(":")[0] for name in tiers.ROOTS} == {"merging", *LINKERS}
+    assert all(isinstance(tiers._root(name), tiers._Kernel) for name in tiers.ROOTS)

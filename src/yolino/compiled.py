@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import importlib
 import logging
 import math
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, FunctionType
-from typing import Any, overload
+from typing import Any, ClassVar, overload
 
 import numpy as np
 
@@ -29,6 +30,9 @@ VARIABLE = "YOLINO_KERNELS"
 # Candidate segments, of all images together, that plain Python is done with (at about .1 ms each) in the time
 # to load compiled kernels (1.5 s), or in half the time to compile them; and those of a usual image.
 FEW_LOADED, FEW_COMPILED, USUAL = 15_000, 150_000, 700
+# What predicting calls, by name because packages above are no matter of this one: NMS, then the linkers, of
+# which a model has one. With them the kernels that they call are on disk, too.
+ROOTS = ("merging:suppress", "graph:_link", "chain:_link", "tree:_link")
 
 _log = logging.getLogger(__name__)
 
@@ -45,12 +49,22 @@ def _read_choice() -> str:
     return choice
 
 
+class _Claim:
+    """What a block wants, as the number of candidates that plain Python may still do; below 0, none."""
+
+    def __init__(self, left: float | int) -> None:
+        self.left = left
+
+
+_BUDGETS = {"compiled": -math.inf, "interpreted": math.inf}
+
+
 class _State:
     """What all threads share."""
 
     choice = _read_choice()
-    interpreted = choice == "interpreted"
-    left: float = math.inf  # candidates until kernels are compiled after all
+    interpreted = choice == "interpreted"  # all that a call reads; follows from the claims
+    claims: ClassVar[list[_Claim]] = []  # of the blocks that have not ended, in any order
 
 
 class _Thread(threading.local):
@@ -97,6 +111,10 @@ class _Kernel:
                 compile_one = njit(cache=True, error_model="numpy", nogil=True, **self.targetoptions)
                 self._dispatcher = compile_one(named)
         return self._dispatcher
+
+    def __reduce__(self) -> str:
+        """Pickles the name, as of a function; else it would be that of `py_func`, which is another object."""
+        return self.py_func.__qualname__
 
     @functools.cached_property
     def fingerprint(self) -> str:
@@ -167,54 +185,114 @@ def expected(images: int) -> Iterator[bool]:
     """Says how much is ahead in the block; gives whether kernels are compiled for it.
 
     They are, unless plain Python is done with so few images before compiled kernels would be loaded, or made
-    where none are kept on disk; see also `reconsider`. The environment variable `YOLINO_KERNELS`, "compiled"
-    or "interpreted", decides otherwise.
+    where none are kept on disk; see also `reconsider`. Where another block has them compiled already, they
+    are for this one, too. The environment variable `YOLINO_KERNELS`, "compiled" or "interpreted", decides
+    otherwise.
     """
     affordable = FEW_LOADED if "numba" in sys.modules or are_kept() else FEW_COMPILED
-    few = images * USUAL <= affordable
-    with tier(("interpreted" if few else "compiled") if _State.choice == "auto" else _State.choice):
-        if _State.choice == "auto":
-            _State.left = affordable
-        yield not _State.interpreted
+    with _lock:
+        others = bool(_State.claims) and not _State.interpreted
+        many = others or images * USUAL > affordable
+        named = "compiled" if many and _State.choice == "auto" else _State.choice
+        claim = _enter(_BUDGETS.get(named, float(affordable)))
+        machine_code = not _State.interpreted
+    try:
+        yield machine_code
+    finally:
+        _leave(claim)
 
 
 def reconsider(candidates: int) -> None:
     """Counts the candidates of an image; compiles from now on if they were too many for plain Python.
 
-    So nobody waits much longer than with the better tier, whatever the images show.
+    So nobody waits much longer than with the better tier, whatever the images show. Nobody knows to which of
+    several blocks an image belongs: it counts for all of them, and when one has had too many, kernels are
+    compiled for the others, too, because the wait is the same.
     """
-    if not _State.interpreted:
-        return
-    _State.left -= candidates
-    if _State.left < 0:
-        if not are_kept():
-            _log.warning("There are so many segments that kernels are compiled now, which can take a minute.")
-        _State.interpreted = False
+    with _lock:
+        if not _State.interpreted:
+            return
+        for claim in _State.claims:
+            claim.left -= candidates
+        if all(claim.left >= 0 for claim in _State.claims):
+            return
+        for claim in _State.claims:
+            if claim.left < math.inf:
+                claim.left = -math.inf
+        _settle()
+    if not are_kept():
+        _log.warning("There are so many segments that kernels are compiled now, which can take a minute.")
 
 
 @contextmanager
 def tier(name: str) -> Iterator[None]:
-    """Runs kernels in the tier "compiled" or "interpreted" in the block, in all threads."""
-    before = _State.interpreted, _State.left
-    _State.interpreted, _State.left = name == "interpreted", math.inf
+    """Runs kernels in the tier "compiled" or "interpreted" in the block, in all threads.
+
+    Of several blocks at a time, in whichever threads, one that wants them compiled decides.
+    """
+    claim = _enter(_BUDGETS[name])
     try:
         yield
     finally:
-        _State.interpreted, _State.left = before
+        _leave(claim)
+
+
+def _enter(left: float | int) -> _Claim:
+    claim = _Claim(left)
+    with _lock:
+        _State.claims.append(claim)
+        _settle()
+    return claim
+
+
+def _leave(claim: _Claim) -> None:
+    """Takes away a claim, whichever others began or ended meanwhile."""
+    with _lock:
+        _State.claims.remove(claim)
+        _settle()
+
+
+def _settle() -> None:
+    """Chooses the tier: interpreted while all claims want it; without claims, the default."""
+    wishes = [claim.left >= 0 for claim in _State.claims]
+    _State.interpreted = all(wishes) if wishes else _State.choice == "interpreted"
 
 
 def are_kept() -> bool:
-    """Gives whether compiled kernels are on disk, a guess: numba knows for sure, but loads slowly."""
-    named, package = os.environ.get("NUMBA_CACHE_DIR"), Path(__file__).parent
-    places = [Path(named).glob("postprocess_*")] if named else [package.glob("*/__pycache__"), _user_cache()]
-    return any(True for folders in places for folder in folders for _ in folder.glob("*.nbi"))
+    """Gives whether compiled kernels of this version are on disk.
+
+    A guess from the names of files: numba knows for sure, but loads slowly.
+    """
+    folders = tuple(_folders())
+    nms, *linkers = (_is_kept(_root(name), folders) for name in ROOTS)
+    return nms and any(linkers)
 
 
-def _user_cache() -> Iterator[Path]:
-    """Yields the folders where numba keeps the kernels of a package whose folder cannot be written."""
-    home = Path.home()
-    for place in (os.environ.get("XDG_CACHE_HOME") or home / ".cache", home / "Library/Caches"):
-        yield from Path(place, "numba").glob("postprocess_*")
+def _root(name: str) -> _Kernel:
+    module, _, function = name.partition(":")
+    kernel: _Kernel = getattr(importlib.import_module(f"yolino.postprocess.{module}"), function)
+    return kernel
+
+
+def _is_kept(kernel: _Kernel, folders: Iterable[Path]) -> bool:
+    """Gives whether numba's index of a kernel as it is now is there.
+
+    Its time says nothing: numba compares the content of the source file, which may be older or younger.
+    """
+    line, (major, minor) = kernel.py_func.__code__.co_firstlineno, sys.version_info[:2]
+    name = f"*.{kernel.fingerprint[:12]}-{line}.py{major}{minor}*.nbi"
+    return any(True for folder in folders for _ in folder.glob(name))
+
+
+def _folders() -> Iterator[Path]:
+    """Yields the folders where numba may keep the kernels of predicting."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    home = Path.home()  # for a package whose folder cannot be written
+    users = (Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache"), home / "Library/Caches")
+    if not named:
+        yield Path(__file__).parent / "postprocess" / "__pycache__"
+    for place in (Path(named),) if named else (user / "numba" for user in users):
+        yield from place.glob("postprocess_*")
 
 
 __all__ = ["TIERS", "VARIABLE", "Kernel", "are_kept", "compiled", "expected", "reconsider", "tier"]

@@ -35,6 +35,20 @@ def as_rgb(image: object) -> UInt8[np.ndarray, "h w 3"]:
     return image if image.ndim == 3 else np.repeat(image[:, :, None], 3, axis=2)
 
 
+def check_batch(batch: np.ndarray, size: tuple[int, int]) -> None:
+    """Raises ValueError if this is no batch of RGB images of the network's input `size`, (height, width).
+
+    Not every engine would notice: OpenVINO makes uint8 of any type.
+    """
+    if batch.ndim != 4 or batch.dtype != np.uint8 or batch.shape[3] != 3 or len(batch) == 0:
+        raise ValueError(
+            "The network takes a batch of at least one RGB image, uint8 (b, h, w, 3), got "
+            f"{batch.dtype} {batch.shape}."
+        )
+    if batch.shape[1:3] != tuple(size):
+        raise ValueError(f"The network takes images of {size} (height, width), got {batch.shape[1:3]}.")
+
+
 def _dtype_hint(image: NDArray[np.generic]) -> str:
     if image.dtype == np.uint16:
         return "; scale 16 bits with (image >> 8).astype(np.uint8)"
@@ -43,4 +57,4 @@ def _dtype_hint(image: NDArray[np.generic]) -> str:
     return "; convert with image.astype(np.uint8)"
 
 
-__all__ = ["IMAGE_SUFFIXES", "as_rgb"]
+__all__ = ["IMAGE_SUFFIXES", "as_rgb", "check_batch"]

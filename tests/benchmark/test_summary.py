@@ -27,8 +27,9 @@ def test_a_row_has_its_numbers_with_units() -> None:
 
 
 def test_what_was_not_measured_is_left_out() -> None:
-    assert len(summary(_result()).splitlines()) == 2
-    assert len(summary(_result(nms={"500_ours": (None, "ms"), "500_speedup": (75.0, "x")})).splitlines()) == 2
+    assert summary(_result(growth={})) == "The summary has no row for growth: leave out --summary."
+    nothing = summary(_result(nms={"500_ours": (None, "ms"), "500_speedup": (75.0, "x")}))
+    assert nothing == "The summary has no row for nms: leave out --summary."
     (row,) = summary(_result(nms={"500_ours": (0.03, "ms"), "500_speedup": (None, "x")})).splitlines()[2:]
     assert row == "| NMS of 500 candidates | 0.03 ms |  |"
 
@@ -36,3 +37,9 @@ def test_what_was_not_measured_is_left_out() -> None:
 def test_every_row_names_a_section() -> None:
     named = {name for row in ROWS for text in row for name in re.findall(r"\{(\w+)\.", text)}
     assert named <= set(SECTIONS)
+
+
+def test_rows_of_a_model_name_it() -> None:
+    measures = {f"onnxruntime_fp32_{what}": (13.4, "ms") for what in ("total", "fps", "network")}
+    result = _result(engines=measures) | {"model": {"name": "cracks"}}
+    assert "| cracks, image to polylines, ONNX Runtime fp32 | 13.4 ms (13.4 ms) |" in summary(result)

@@ -19,7 +19,7 @@ from yolino.export import Calibration, export
 from yolino.export.calibration import Chosen, Inputs, check_drop, evenly, polyline_f1
 from yolino.export.comparison import endpoint_shift
 from yolino.export.onnx_format import OnnxFormat, folded, head_names
-from yolino.inference import OnnxEngine, Predictor
+from yolino.inference import OnnxEngine, Predictor, engines, open_engine
 from yolino.inference.rotations import turn
 from yolino.inference.views import ImageRaster, view
 from yolino.io import read_image
@@ -129,12 +129,25 @@ def test_what_it_cost_is_in_the_header(source: Path, labelled: Dataset, tmp_path
     done = export(source, precision="int8", out=out, calibration=Calibration(labelled, 3), progress=progress)
     found = OnnxEngine(out).header.metrics["int8"]
     assert found == done.header.metrics["int8"]
-    assert set(found) == {"images", "f1_before", "f1_after", "shift_px"}
+    assert set(found) == {"images", "engine", "f1_before", "f1_after", "shift_px"}
     assert found["images"] == 3
     chosen = Chosen(labelled, [0, 2, 4])
-    for key, file in (("f1_before", source), ("f1_after", out)):
-        assert found[key] == round(polyline_f1(Predictor(OnnxEngine(file)), chosen, silent, ""), 4)
+    ran = open_engine(out)  # by what runs it where none is named
+    assert found["engine"] == ran.name
+    for key, engine in (("f1_before", OnnxEngine(source)), ("f1_after", ran)):
+        assert found[key] == round(polyline_f1(Predictor(engine), chosen, silent, ""), 4)
     assert titles == ["scoring before", "calibrating", "scoring after"]
+
+
+@pytest.mark.parametrize("name", ["onnxruntime", "openvino"])
+def test_it_is_judged_in_the_engine_that_will_run_it(
+    source: Path, labelled: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    pytest.importorskip(name)
+    monkeypatch.setattr(engines, "_QUICKEST", {"int8": name})
+    done = export(source, precision="int8", out=tmp_path / "a.onnx", calibration=Calibration(labelled, 2))
+    want = {"onnxruntime": "ONNX Runtime int8", "openvino": "OpenVINO int8"}[name]
+    assert done.header.metrics["int8"]["engine"] == want
 
 
 def test_the_same_images_give_the_same_file(source: Path, labelled: Dataset, tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ write_pair(Path(sys.argv[1]), b"new graph", b"new weights!")
 @pytest.mark.parametrize("had_one", [False, True])
 def test_a_run_that_is_killed_at_any_rename_leaves_no_wrong_pair(tmp_path: Path, had_one: bool) -> None:
     seen = []
-    for count in range(1, 4 if had_one else 3):
+    for count in range(1, 5 if had_one else 3):
         xml = tmp_path / str(count) / "lanes.xml"
         xml.parent.mkdir()
         if had_one:
@@ -74,31 +74,64 @@ def test_a_run_that_is_killed_at_any_rename_leaves_no_wrong_pair(tmp_path: Path,
         write(xml, NEW)
         assert state(xml) == NEW
     alone = (None, NEW[1])  # a .bin alone is no model
-    assert seen == ([OLD, (None, OLD[1]), alone] if had_one else [(None, None), alone])
+    none = (None, None)
+    assert seen == ([OLD, (None, OLD[1]), none, alone] if had_one else [none, alone])
 
 
-def test_a_full_disk_brings_the_old_pair_back_or_leaves_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+ERRORS = [OSError(28, "No space left on device"), KeyboardInterrupt(), MemoryError()]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("late", [False, True], ids=["before", "after"])
+@pytest.mark.parametrize("had", ["both", "none", "only the .bin"])
+def test_an_error_at_any_rename_leaves_the_old_pair_or_the_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, had: str, late: bool, error: BaseException
 ) -> None:
-    replace, seen = os.replace, []
-    for count in (1, 2, 3):
+    replace, renames = os.replace, {"both": 4, "none": 2, "only the .bin": 3}[had]
+    for count in range(1, renames + 1):
         xml, calls = tmp_path / str(count) / "lanes.xml", []
         xml.parent.mkdir()
-        write(xml, OLD)
+        if had != "none":
+            write(xml, OLD)
+        if had == "only the .bin":
+            xml.unlink()
+        before = state(xml)
 
         def failing(one: Path, other: Path, count: int = count, calls: list[Path] = calls) -> None:
             calls.append(one)
+            if late:  # an interrupt may come when the rename is done
+                replace(one, other)
             if len(calls) == count:
-                raise OSError(28, "No space left on device")
-            replace(one, other)
+                raise error
+            if not late:
+                replace(one, other)
 
         monkeypatch.setattr(os, "replace", failing)
-        with pytest.raises(OSError, match=r"lanes\.xml and its \.bin cannot be written: No space left"):
+        with pytest.raises(type(error)) as caught:
             write(xml, NEW)
         monkeypatch.setattr(os, "replace", replace)
-        seen.append(state(xml))
+        if isinstance(error, OSError):
+            assert "lanes.xml and its .bin cannot be written: No space left" in str(caught.value)
+        assert len(calls) >= count
+        assert state(xml) == (NEW if late and count == renames else before)
         assert not list(xml.parent.glob(".*"))
-    assert seen == [OLD, OLD, (None, NEW[1])]
+
+
+def test_a_second_interrupt_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    xml, calls, replace = tmp_path / "lanes.xml", [], os.replace
+    write(xml, OLD)
+
+    def failing(one: Path, other: Path) -> None:
+        calls.append(one)
+        if len(calls) >= 4:  # the last rename, and the first that brings the old pair back
+            raise KeyboardInterrupt
+        replace(one, other)
+
+    monkeypatch.setattr(os, "replace", failing)
+    with pytest.raises(KeyboardInterrupt):
+        write(xml, NEW)
+    assert state(xml) == (None, None)
+    assert sorted(file.read_bytes() for file in tmp_path.iterdir()) == sorted([OLD[0].encode(), OLD[1]])
 
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.machinery
 import importlib.util
 import tempfile
 from collections.abc import Callable
@@ -13,8 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from yolino.header import Header
-from yolino.inference import ENGINES, EngineChoice, load, open_engine
+from yolino.inference import ENGINES, EngineChoice, engines, load, open_engine
 from yolino.inference.engine import choose_precision
+from yolino.inference.engine_openvino import _precisions, openvino_core
 from yolino.inference.engines import EngineKind, choose_engine
 from yolino.inference.onnx_metadata import read_onnx_metadata
 
@@ -75,6 +77,54 @@ def test_an_engine_that_is_not_installed_is_one_line(
     assert kind.install in str(caught.value)
 
 
+def with_cuda(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    """Lets ONNX Runtime look as if it were onnxruntime-gpu, by the file that it then brings."""
+    (folder / "capi").mkdir()
+    (folder / "capi" / "libonnxruntime_providers_cuda.so").touch()
+    spec = importlib.machinery.ModuleSpec("onnxruntime", None, is_package=True)
+    spec.submodule_search_locations = [str(folder)]
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: spec if name == "onnxruntime" else find(name)
+    )
+
+
+def no_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets ONNX Runtime look as if it had none, whatever is installed."""
+    monkeypatch.setattr(engines, "_is_there", lambda start: not start)
+
+
+def test_auto_counts_only_the_devices_that_are_there(
+    tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        no_cuda(patch)
+        assert ENGINES["onnxruntime"].devices("auto") == ("cpu",)
+        assert choose_engine(tiny_model, "auto", "fp16") == "openvino"
+        assert choose_engine(tiny_model, "cuda", "fp16") == "onnxruntime"  # which says what it needs
+        assert choose_engine(Path("a.safetensors"), "auto", "fp16") == "torch"
+        without(patch, "openvino")
+        assert choose_engine(tiny_model, "auto", "fp16") == "openvino"  # which says how it is installed
+    with_cuda(monkeypatch, tmp_path)
+    assert ENGINES["onnxruntime"].devices("auto") == ("cpu", "cuda")
+    assert ENGINES["onnxruntime"].devices("cpu") == ("cpu",)
+    assert choose_engine(tiny_model, "auto", "fp16") == "onnxruntime"
+    assert choose_engine(tiny_model, "cpu", "fp16") == "openvino"
+    assert choose_engine(tiny_model, "auto", "bf16") == "openvino"
+
+
+def test_fp16_without_cuda_is_the_processors_or_refused(
+    tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("openvino")
+    no_cuda(monkeypatch)
+    if "fp16" in _precisions(openvino_core()):
+        assert open_engine(tiny_model, precision="fp16").name == "OpenVINO fp16"
+    else:
+        with pytest.raises(ValueError, match="OpenVINO on this processor cannot run in fp16; it has fp32"):
+            open_engine(tiny_model, precision="fp16")
+
+
 def test_onnxruntime_is_chosen_first_and_openvino_where_only_it_can(
     tiny_model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -93,10 +143,15 @@ def test_quantized_files_go_to_openvino_where_it_is(
 ) -> None:
     quantized = dataclasses.replace(header, precision="int8")
     path = make_model(tmp_path / "int8.onnx", header=quantized)
-    assert choose_engine(path) == "openvino"
-    assert choose_engine(path, "cuda") == "onnxruntime"
-    without(monkeypatch, "openvino")
+    with monkeypatch.context() as patch:
+        no_cuda(patch)
+        assert choose_engine(path) == "openvino"
+        assert choose_engine(path, "cuda") == "onnxruntime"
+        without(patch, "openvino")
+        assert choose_engine(path) == "onnxruntime"
+    with_cuda(monkeypatch, tmp_path)
     assert choose_engine(path) == "onnxruntime"
+    assert choose_engine(path, "cpu") == "openvino"
 
 
 @pytest.mark.parametrize("engine", ["onnxruntime", "openvino"])

@@ -173,6 +173,42 @@ def test_images_of_another_size_are_refused(opened: Open) -> None:
         opened()(np.zeros((1, 64, 64, 3), np.uint8))
 
 
+REFUSED = """
+import sys
+import numpy as np
+from yolino.inference import open_engine
+for file, name in zip(sys.argv[1::2], sys.argv[2::2]):
+    if name == "torch-compiled":
+        import torch
+        torch.compile = lambda graph, **_: graph
+    engine = open_engine(file, engine=name, device="cpu")
+    good = np.zeros((1, *engine.header.size, 3), np.uint8)
+    for batch in (good.astype(np.float32), good[0], good[:0], good[..., :1]):
+        try:
+            engine(batch)
+        except ValueError as error:
+            print(error)
+"""
+
+
+def test_what_is_no_batch_of_images_is_refused_in_one_line(files: Files) -> None:
+    """In a process of its own, without the checks of types in these tests."""
+    there = [(name, suffix) for name, suffix in CASES if ENGINES[name].missing is None]
+    arguments = [text for name, suffix in there for text in (str(files[suffix]), name)]
+    done = subprocess.run(
+        [sys.executable, "-c", REFUSED, *arguments], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    start = "The network takes a batch of at least one RGB image, uint8 (b, h, w, 3), got "
+    kinds = (
+        "float32 (1, 64, 96, 3).",
+        "uint8 (64, 96, 3).",
+        "uint8 (0, 64, 96, 3).",
+        "uint8 (1, 64, 96, 1).",
+    )
+    assert done.stdout.splitlines() == [start + kind for kind in kinds] * len(there)
+
+
 def test_a_damaged_file_is_one_line(opened: Open, tmp_path: Path) -> None:
     file = opened.args[0]  # type: ignore[attr-defined]
     half = tmp_path / f"half{file.suffix}"

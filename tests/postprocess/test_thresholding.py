@@ -49,3 +49,20 @@ def test_class_probabilities_must_be_finite_too() -> None:
     assert len(segments_above(np.zeros((2, 2, 2), np.float32), scores, shares, 0.5)) == 1
     with pytest.raises(ValueError, match="not finite"):
         segments_above(np.zeros((2, 2, 2), np.float32), scores, shares, 0.1)
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_scores_that_are_no_numbers_are_told(place: int, threshold: float) -> None:
+    endpoints = np.zeros((3, 2, 2), np.float32)
+    for wrong in (np.nan, -np.nan, np.inf):
+        scores = np.array([0.9, 0.2, 0.8], np.float32)
+        scores[place] = wrong
+        with pytest.raises(ValueError, match="gave end points, scores or class probabilities that"):
+            segments_above(endpoints, scores, None, threshold)
+
+
+def test_predictors_that_are_masked_are_no_mistake() -> None:
+    scores = np.array([-1, 0.7, -1], np.float32)
+    assert segments_above(np.zeros((3, 2, 2), np.float32), scores, None, 0.5).scores == pytest.approx([0.7])
+    assert len(segments_above(np.zeros((3, 2, 2), np.float32), np.full(3, -1, np.float32), None, 0.0)) == 0

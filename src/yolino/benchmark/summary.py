@@ -10,27 +10,27 @@ from yolino.benchmark.report import number
 # What, its number, what stands beside it; {section.measure} becomes the number with its unit.
 ROWS = (
     (
-        "default model, image to polylines, ONNX Runtime fp32",
+        "{model}, image to polylines, ONNX Runtime fp32",
         "{engines.onnxruntime_fp32_total} ({engines.onnxruntime_fp32_fps})",
         "the bare network: {engines.onnxruntime_fp32_network}",
     ),
     (
-        "the same, OpenVINO bf16",
+        "{model}, image to polylines, OpenVINO bf16",
         "{engines.openvino_bf16_total} ({engines.openvino_bf16_fps})",
         "the bare network: {engines.openvino_bf16_network}",
     ),
     (
-        "the same, OpenVINO int8",
+        "{model}, image to polylines, OpenVINO int8",
         "{engines.openvino_int8_total} ({engines.openvino_int8_fps})",
         "the bare network: {engines.openvino_int8_network}",
     ),
     (
-        "JPEG files to polylines, OpenVINO bf16",
+        "{model}, JPEG files to polylines, OpenVINO bf16",
         "{files.openvino_bf16_half}",
         "decoded whole: {files.openvino_bf16_whole}",
     ),
     (
-        "the same, OpenVINO int8",
+        "{model}, JPEG files to polylines, OpenVINO int8",
         "{files.openvino_int8_half}",
         "decoded whole: {files.openvino_int8_whole}",
     ),
@@ -78,15 +78,20 @@ _NAME = re.compile(r"\{(\w+)\.(\w+)\}")
 def summary(result: dict[str, Any]) -> str:
     """Gives the most telling numbers as a Markdown table; rows that were not measured are left out.
 
+    If none was, it says so.
+
     Args:
         result: What `benchmark` gave.
     """
     rows = [filled for row in ROWS if (filled := _filled(row, result)) is not None]
+    if not rows:
+        return f"The summary has no row for {', '.join(result['sections'])}: leave out --summary."
     return "\n".join(["| what | median | beside it, in the same run |", "|---|---|---|", *map(_line, rows)])
 
 
 def _filled(row: tuple[str, str, str], result: dict[str, Any]) -> tuple[str, str, str] | None:
     what, number, beside = row
+    what = what.format(model=(result.get("model") or {}).get("name", "model"))
     if (found := _fill(number, result)) is None:
         return None
     return what, found, _fill(beside, result) or ""

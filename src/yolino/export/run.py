@@ -32,7 +32,8 @@ class Exported:
     Attributes:
         path: The model file.
         files: All files that belong to it.
-        header: Its header; of int8, `metrics["int8"]` has `images`, `f1_before`, `f1_after` and `shift_px`.
+        header: Its header; of int8, `metrics["int8"]` has `images`, `engine`, `f1_before`, `f1_after` and
+            `shift_px`.
     """
 
     path: Path

@@ -60,14 +60,6 @@ def check_arguments(device: str, threads: int | None, streams: int) -> None:
         raise ValueError(f"streams is {streams}, but must be at least 1.")
 
 
-def check_size(batch: UInt8[np.ndarray, "b h w 3"], header: Header) -> None:
-    """Raises ValueError if the images do not have the network's input size."""
-    if batch.shape[1:3] != header.size:
-        raise ValueError(
-            f"The network takes images of {header.size} (height, width), got {batch.shape[1:3]}."
-        )
-
-
 def read_header(text: str | None, path: Path) -> Header:
     """Gives the header that a model file carries.
 
@@ -182,7 +174,6 @@ __all__ = [
     "check_arguments",
     "check_file",
     "check_interface",
-    "check_size",
     "choose_precision",
     "read_header",
     "usable_cores",

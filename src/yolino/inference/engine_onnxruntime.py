@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
+from yolino.image import check_batch
 from yolino.inference.engine import (
     METADATA_KEY,
     cache_folder,
     check_arguments,
     check_file,
     check_interface,
-    check_size,
     choose_precision,
     read_header,
     usable_cores,
@@ -89,9 +89,9 @@ class OnnxEngine:
         """Gives what the network says about RGB images of its input size.
 
         Raises:
-            ValueError: If the images have another size, or ONNX Runtime fails.
+            ValueError: If they are no such images, have another size, there are none, or ONNX Runtime fails.
         """
-        check_size(batch, self.header)
+        check_batch(batch, self.header.size)
         try:
             values = self._session.run(self._names, {"images": batch})
         except Exception as error:  # ONNX Runtime's own exceptions have no common class but this one

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
+from yolino.image import check_batch
 from yolino.inference.engine import (
     METADATA_KEY,
     check_arguments,
     check_file,
     check_interface,
-    check_size,
     choose_precision,
     read_header,
 )
@@ -89,9 +89,9 @@ class OpenVinoEngine:
         """Gives what the network says about RGB images of its input size.
 
         Raises:
-            ValueError: If the images have another size, or OpenVINO fails.
+            ValueError: If they are no such images, have another size, there are none, or OpenVINO fails.
         """
-        check_size(batch, self.header)
+        check_batch(batch, self.header.size)
         try:
             values = self._programs(batch)
         except RuntimeError as error:

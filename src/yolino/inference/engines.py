@@ -35,6 +35,8 @@ class EngineKind:
         install: How.
         opener: Its class or function as `module:name`.
         automatic: Whether it is chosen where none is named.
+        cuda: Beginning of the name of a file, `package/pattern`, that only comes with CUDA; "" where CUDA
+            makes no difference to the choice.
     """
 
     suffixes: tuple[str, ...]
@@ -43,16 +45,33 @@ class EngineKind:
     install: str
     opener: str
     automatic: bool = True
+    cuda: str = ""
 
     @property
     def missing(self) -> str | None:
         """The first package that is not installed."""
         return next((name for name in self.packages if importlib.util.find_spec(name) is None), None)
 
+    def devices(self, device: str) -> tuple[str, ...]:
+        """Gives what "auto" may mean here, as far as it is seen without an import; else the device itself."""
+        if device != "auto":
+            return (device,)
+        return tuple(name for name in self.precisions if name != "cuda" or _is_there(self.cuda))
+
     def can(self, device: str, precision: str) -> bool:
         """Tells whether it has such arithmetic on such a device; "auto" is any."""
         offered = [found for name, found in self.precisions.items() if device in ("auto", name)]
         return any(precision == "auto" or precision in found for found in offered)
+
+
+def _is_there(start: str) -> bool:
+    """Tells whether a package has a file whose name begins so; "" is always there."""
+    if not start:
+        return True
+    package, _, place = start.partition("/")
+    spec = importlib.util.find_spec(package)
+    folders = (spec and spec.submodule_search_locations) or ()
+    return any(any(Path(folder).glob(f"{place}*")) for folder in folders)
 
 
 # Where none is named, the first that is installed and can do what is asked takes a file (`choose_engine`).
@@ -63,6 +82,7 @@ ENGINES: dict[str, EngineKind] = {
         ("onnxruntime",),
         "pip install onnxruntime",
         "yolino.inference.engine_onnxruntime:OnnxEngine",
+        cuda="onnxruntime/capi/*onnxruntime_providers_cuda",
     ),
     "openvino": EngineKind(
         (".xml", ".onnx"),
@@ -143,8 +163,8 @@ def open_engine(
 def choose_engine(path: Path, device: str = "auto", precision: str = "auto") -> str:
     """Gives the name of the engine for a file where none is named (`docs/adr/0011-engines.md`).
 
-    It is the first in `ENGINES` that reads the file, has what is asked for, and is installed; for a quantized
-    file OpenVINO comes first.
+    It is the first in `ENGINES` that reads the file, has what is asked for, and is installed. For a quantized
+    file OpenVINO comes first, unless the device is "auto" and ONNX Runtime has CUDA.
 
     Raises:
         ValueError: If none that reads the file has such arithmetic on such a device.
@@ -152,7 +172,8 @@ def choose_engine(path: Path, device: str = "auto", precision: str = "auto") -> 
     readers = [
         name for name, kind in ENGINES.items() if kind.automatic and path.suffix.lower() in kind.suffixes
     ]
-    able = [name for name in readers if ENGINES[name].can(device, precision)]
+    here = {name: ENGINES[name].devices(device) for name in readers}
+    able = [name for name in readers if any(ENGINES[name].can(one, precision) for one in here[name])]
     if not able:
         offered = sorted(
             {d for name in readers for d, p in ENGINES[name].precisions.items() if precision in p}
@@ -161,7 +182,7 @@ def choose_engine(path: Path, device: str = "auto", precision: str = "auto") -> 
         raise ValueError(
             f"No engine runs {path.suffix} files in {precision} on {device}: take {instead}, or another file."
         )
-    if path.suffix.lower() == ".onnx" and len(able) > 1:
+    if path.suffix.lower() == ".onnx" and len(able) > 1 and not any("cuda" in here[name] for name in able):
         first = _QUICKEST.get(_stored_precision(path))
         able.sort(key=lambda name: name != first)
     return next((name for name in able if ENGINES[name].missing is None), able[0])

@@ -13,6 +13,7 @@ from jaxtyping import UInt8
 from torch import Tensor, nn
 
 from yolino.header import Header
+from yolino.image import check_batch
 from yolino.model.checkpoint import load_checkpoint
 from yolino.model.network import Network
 from yolino.model.programs import Arrays, EagerProgram, Program, StaticPrograms, record
@@ -109,12 +110,9 @@ class TorchEngine:
         """Gives what the network says about a batch of RGB images of its input size.
 
         Raises:
-            ValueError: If the images have another size.
+            ValueError: If they are no such images, have another size, or there are none.
         """
-        if images.shape[1:3] != self.header.size:
-            raise ValueError(
-                f"The network takes images of {self.header.size} (height, width), got {images.shape[1:3]}."
-            )
+        check_batch(images, self.header.size)
         found: Arrays = self._program(images)
         return Output(found[0], found[1], found[2] if len(found) > 2 else None)
 

@@ -34,14 +34,14 @@ def segments_above(
         threshold: Lowest score.
 
     Raises:
-        ValueError: End points or probabilities of such a segment are not finite.
+        ValueError: End points or probabilities of such a segment are not finite, or any score is NaN.
     """
     given = _NO_CLASSES if probabilities is None else probabilities
     points, kept, labels, shares, finite = _above(endpoints, scores, given, threshold)
     if not finite:
         raise ValueError(
-            "The network gave end points or class probabilities that are not finite: its file is damaged or "
-            "its precision too low."
+            "The network gave end points, scores or class probabilities that are not finite: its file is "
+            "damaged or its precision too low."
         )
     return Segments.trusted(points, kept, labels, None if probabilities is None else shares)
 
@@ -49,21 +49,22 @@ def segments_above(
 @compiled
 @no_type_check
 def _above(endpoints, scores, probabilities, threshold):
-    """Gives end points, scores, likeliest labels and probabilities, and whether all but scores are finite."""
+    """Gives end points, scores, likeliest labels and probabilities, and whether all are finite."""
     # As numpy compares: in the precision of the scores, so that a score of .9 reaches the threshold .9.
-    least, count = np.float32(threshold), 0
+    least, below, count = np.float32(threshold), 0, 0
     for i in range(len(scores)):
-        count += scores[i] >= least
-    chosen, at = np.empty(count + 1, np.int64), 0
+        below += scores[i] < least
+    chosen = np.empty(len(scores) - below + 1, np.int64)
     for i in range(len(scores)):  # without branches, which the processor would guess wrong
-        chosen[at] = i
-        at += scores[i] >= least
+        chosen[count] = i
+        count += scores[i] >= least
     points, kept, labels = np.empty((count, 2, 2)), np.empty(count), np.zeros(count, np.int64)
     shares = np.empty((count, probabilities.shape[1]))
-    total = 0.0
+    total = 0.0 if count + below == len(scores) else np.inf  # NaN is neither
     for at in range(count):
         i = chosen[at]
         kept[at] = scores[i]
+        total += kept[at]
         for k in range(4):
             points[at, k >> 1, k & 1] = endpoints[i, k >> 1, k & 1]
             total += abs(points[at, k >> 1, k & 1])
