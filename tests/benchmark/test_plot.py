@@ -5,14 +5,16 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import json
+import os
 import struct
 from pathlib import Path
 
 import pytest
 
 from benchmark_results import growth, small_result
-from yolino.benchmark import plot
+from yolino.benchmark import SECTIONS, plot, plot_engines, plot_races, plot_roofline
 from yolino.benchmark.measure import Measure, Section
+from yolino.benchmark.plot import DRAWN, PICTURES, check_plot, drawable
 from yolino.benchmark.plot_frame import draw as draw_frame
 from yolino.benchmark.plot_growth import draw as draw_growth
 from yolino.benchmark.plot_races import draw as draw_races
@@ -137,6 +139,52 @@ def test_a_quick_result_says_that_it_means_nothing():
     assert "QUICK" in texts(draw_frame(result))
 
 
+def test_a_quick_result_has_no_roofline(tmp_path):
+    result = small_result()
+    result["settings"]["quick"] = True
+    names = ["frame.png", "races.png", "growth.png", "engines.png"]
+    assert [path.name for path in plot(result, tmp_path)] == names
+    result["sections"] = {"roofline": result["sections"]["roofline"]}
+    with pytest.raises(ValueError, match="Nothing can be drawn of the sections that were measured"):
+        plot(result, tmp_path)
+
+
+def test_the_sections_that_can_be_drawn_are_those_that_the_pictures_read():
+    assert list(DRAWN) == list(PICTURES)
+    assert DRAWN["races"] == tuple(plot_races._PAIRS)
+    assert DRAWN["engines"] == tuple(plot_engines._SECTIONS)
+    assert DRAWN["roofline"] == ("roofline", *plot_roofline._PREFIXES)
+    assert set(drawable()) < set(SECTIONS)
+    assert set(drawable()) - set(drawable(quick=True)) == {"roofline"}
+
+
+def test_sections_that_cannot_be_drawn_are_told_before(tmp_path):
+    with pytest.raises(
+        ValueError, match=r"^Nothing can be drawn of startup, install: measure stages, nms, .* or roofline\.$"
+    ):
+        check_plot(tmp_path, ["startup", "install"])
+    with pytest.raises(ValueError, match=r"drawn of a quick run of roofline: measure stages, .* or files\.$"):
+        check_plot(tmp_path, ["roofline"], quick=True)
+    check_plot(tmp_path, ["startup", "nms"])
+    check_plot(tmp_path, ["roofline"])
+
+
+def test_a_file_in_place_of_the_folder_is_told_before(tmp_path):
+    (tmp_path / "a").write_text("mine")
+    for folder in (tmp_path / "a", tmp_path / "a" / "b" / "c"):
+        with pytest.raises(ValueError, match=r"/a is a file, but the pictures need a folder"):
+            check_plot(folder)
+    check_plot(tmp_path / "new" / "folder")
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written_is_told_before(tmp_path):
+    (tmp_path / "a").mkdir(mode=0o500)
+    with pytest.raises(PermissionError, match="cannot be written: give another one"):
+        check_plot(tmp_path / "a" / "b")
+
+
 def test_without_matplotlib_one_sentence_says_what_to_do(tmp_path, monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda n, *a: None if n == "matplotlib" else find(n, *a))
@@ -151,8 +199,13 @@ def test_without_matplotlib_one_sentence_says_what_to_do(tmp_path, monkeypatch):
         (0.5, "0.5"),
         (12.34, "12.3"),
         (999.0, "999"),
-        (1000.0, "1k"),
+        (999.7, "1,000"),
+        (1000.0, "1,000"),
+        (1113.4, "1,113"),
+        (100_000.0, "100,000"),
         (1e6, "1M"),
+        (2.346e6, "2.35M"),
+        (1e9, "1,000M"),
         (0.0, "0"),
     ],
 )

@@ -11,6 +11,17 @@ from benchmark_results import growth, small_result
 from yolino.benchmark import benchmark, read_result, report
 
 
+def changed(*path_and_value: Any) -> dict[str, Any]:
+    """Gives the small result with another value at a path."""
+    result = small_result()
+    *path, last, value = path_and_value
+    part: Any = result
+    for name in path:
+        part = part[name]
+    part[last] = value
+    return result
+
+
 @pytest.fixture
 def write(tmp_path):
     def write(value: Any):
@@ -39,10 +50,20 @@ def test_a_result_from_before_there_were_curves_is_read(write):
     [
         ("", "it is no JSON"),
         ('{"machine": ', "it is no JSON"),
-        ("[]", "the whole: "),
-        ("{}", "machine: Field required"),
-        (small_result() | {"sections": {"nms": {}}}, "sections.nms.title: Field required"),
-        (small_result() | {"targets": None}, "targets: "),
+        ("[]", "(the whole: it must be an object)"),
+        ("{}", "(machine: it is missing)"),
+        (small_result() | {"sections": {"nms": {}}}, "(sections.nms.title: it is missing)"),
+        (small_result() | {"targets": None}, "(targets: it must be an object)"),
+        (changed("machine", "cores", "many"), "(machine.cores: it must be a whole number)"),
+        (changed("model", "size", 3), "(model.size: it must be a list)"),
+        (changed("model", "size", [1, 2, 3]), "(model.size: it is not what the benchmark writes)"),
+        (changed("settings", "image", 1), "(settings.image: it must be a text)"),
+        (changed("settings", "quick", "perhaps"), "(settings.quick: it must be true or false)"),
+        (changed("machine", "load", "high"), "(machine.load: it must be a number)"),
+        (
+            changed("sections", "nms", "measures", "ours_500", "value", "fast"),
+            "(sections.nms.measures.ours_500.value: it must be a number, true or false)",
+        ),
     ],
 )
 def test_a_broken_file_is_told_in_a_sentence(write, broken, reason):
@@ -61,6 +82,32 @@ def test_a_file_in_no_encoding_is_told(tmp_path):
 def test_a_file_that_is_not_there_is_told(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.json does not exist; give what"):
         read_result(tmp_path / "nowhere.json")
+
+
+def test_a_folder_is_told(tmp_path):
+    with pytest.raises(ValueError, match=r" is a folder; give a file with what `yolino benchmark --json`"):
+        read_result(tmp_path)
+
+
+def last_cell(lines: list[str]) -> str:
+    (row,) = (line for line in lines if line.startswith("| 500: faster "))
+    return row.split("|")[-2].strip()
+
+
+@pytest.mark.parametrize("met", [True, False])
+def test_a_quick_run_judges_no_targets(met):
+    result = small_result()
+    result["sections"]["nms"]["measures"]["speedup_500"]["met"] = met
+    result["targets"]["met" if met else "missed"] = ["nms.speedup_500"]
+    lines = report(result).splitlines()
+    assert lines[-1] == ("1 of 1 targets met." if met else "0 of 1 targets met; missed: nms.speedup_500.")
+    assert last_cell(lines) == ("yes" if met else "NO")
+    result["settings"]["quick"] = True
+    lines = report(result).splitlines()
+    assert lines[-1] == "A quick run judges no targets."
+    assert last_cell(lines) == ""
+    result["targets"]["not_measured"] = ["paper"]
+    assert report(result).splitlines()[-1] == "A quick run judges no targets; not measured: paper."
 
 
 def test_curves_are_reported_as_tables_with_a_column_for_each_size():

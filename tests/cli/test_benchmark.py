@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from striped_model import make_striped_model, striped_header
+from yolino.benchmark import SECTIONS
+from yolino.cli import benchmark as command
 
 from .conftest import Run
 
@@ -22,6 +25,19 @@ def test_without_json_it_is_a_report(run: Run, model: Path) -> None:
     assert code == 0
     assert "discretize" in out
     assert "QUICK" in out
+
+
+def test_the_help_names_every_section(run: Run) -> None:
+    assert tuple(SECTIONS) == command.SECTIONS
+    code, out, _ = run("benchmark", "--help")
+    assert code == 0
+    assert all(re.search(rf"\b{name}\b", out) for name in SECTIONS)
+
+
+def test_summary_and_json_exclude_each_other(run: Run) -> None:
+    code, out, err = run("benchmark", "--summary", "--json")
+    assert (code, out) == (2, "")
+    assert err == "Error: --summary and --json exclude each other: leave one out.\n"
 
 
 def test_an_unknown_section_is_told(run: Run) -> None:

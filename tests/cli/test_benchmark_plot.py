@@ -50,6 +50,32 @@ def test_a_saved_result_and_options_of_measuring_exclude_each_other(run: Run, sa
     assert "leave out --only, --image, --threads and --quick" in err
 
 
+def test_a_folder_in_place_of_a_result_is_one_line(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    code, out, err = run("benchmark", "--from", "folder")
+    assert (code, out) == (2, "")
+    assert err == "Error: folder is a folder; give a file with what `yolino benchmark --json` printed.\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--only", "nms", "--plot", "result.json"), "result.json is a file, but the pictures need a folder"),
+        (("--only", "startup", "--plot", "new"), "Nothing can be drawn of startup: measure stages, nms, "),
+        (("--only", "starting", "--plot", "new"), "The section 'starting' of the benchmark is unknown"),
+    ],
+)
+def test_a_plot_that_cannot_be_is_told_before_measuring(
+    run: Run, saved: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], told: str
+) -> None:
+    pytest.importorskip("matplotlib", reason="matplotlib draws the plots")
+    monkeypatch.setattr("yolino.benchmark.run.describe_machine", lambda *_: pytest.fail("it measures"))
+    code, out, err = run("benchmark", *arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"Error: {told}")
+    assert not (saved.parent / "new").exists()
+
+
 def test_without_matplotlib_nothing_is_measured(
     run: Run, saved: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -54,7 +54,9 @@ def test_each_result_is_that_of_the_image_alone(run: Run, model: Path, folder: P
         wanted[f"{path.stem}.json"] = to_json(result)
     assert results() == wanted
     assert f"{MANY} images, {2 * (MANY - 6)} polylines, " in out
-    assert re.search(r", \d+\.\d images per second, \d+\.\d ms per image -> yolino-out", out)
+    assert re.search(
+        r", \d+\.\d images per second(?: after \d+ s of loading)?, \d+\.\d ms per image -> yolino-out", out
+    )
 
 
 def test_the_table_is_short_and_in_order(run: Run, model: Path, folder: Path) -> None:
@@ -154,7 +156,7 @@ def test_ctrl_c_keeps_what_was_finished(run: Run, model: Path, folder: Path, num
     finished = len(names)
     assert MANY <= finished < MANY + 400
     assert names == [f"drive/{path.name}" for path in sorted(folder.iterdir())[:finished]]
-    assert err.decode().strip() == f"Stopped after {finished} of {MANY + 400} images."
+    assert err.decode().splitlines()[-1] == f"Stopped after {finished} of {MANY + 400} images."
     assert f"{finished} images, " in out.decode()
     made = sorted(path.stem for path in Path("yolino-out").glob("*.png"))
     assert made == [Path(name).stem for name in names]  # no picture without its line
@@ -170,6 +172,18 @@ def test_what_is_told_at_the_end_takes_little_memory() -> None:
     assert tally.summary(Path("out"), 4.0) == (
         "1000 images, 1 polyline, 250.0 images per second, 499.5 ms per image -> out"
     )
+    assert ", 250.0 images per second after 35 s of compiling, 499.5 ms" in tally.summary(
+        Path("out"), 4.0, "after 35 s of compiling"
+    )
+
+
+def test_a_long_wait_is_told_to_a_file_too(capsys: pytest.CaptureFixture[str]) -> None:
+    from yolino.cli.screen import busy
+
+    with busy("loading"):
+        assert capsys.readouterr().err == ""
+    with busy("compiling", long=True):
+        assert capsys.readouterr().err == "compiling ...\n"
 
 
 def test_one_image_has_no_rate() -> None:

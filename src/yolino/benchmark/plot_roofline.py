@@ -27,7 +27,12 @@ _UNIT, _PART = "GFLOP/s", "_roofline"
 
 
 def draw(result: dict[str, Any]) -> Figure | None:
-    """Gives the matrix products of `roofline`, and below the part of them that each engine reaches."""
+    """Gives the matrix products of `roofline`, and below the part of them that each engine reaches.
+
+    Nothing of a quick run: its tiny products are mostly overhead, and networks "reach" 1,300 % of them.
+    """
+    if result["settings"]["quick"]:
+        return None
     peaks = {m["title"]: m["value"] for m in values(result, "roofline", _UNIT).values()}
     reached = {
         _PREFIXES[section] + m["title"].partition(":")[0]: m["value"]

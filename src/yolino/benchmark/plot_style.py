@@ -67,10 +67,11 @@ def tidy(axes: Axes, *, title: str = "", grid: str = "x") -> None:
 
 
 def digits(value: float) -> str:
-    """Gives three significant digits (two below one), thousands as k and millions as M."""
-    for factor, letter in ((1e6, "M"), (1e3, "k")):
-        if abs(value) >= factor:
-            return f"{value / factor:.3g}{letter}"
+    """Gives three significant digits (two below one), thousands with a comma and millions as M."""
+    if abs(value) >= 1e6:
+        return f"{digits(value / 1e6)}M"
+    if abs(value) >= 999.5:  # what three digits round to 1,000, too
+        return f"{value:,.0f}"
     return f"{value:.3g}" if abs(value) >= 1 else f"{value:.2g}"
 
 

@@ -94,7 +94,7 @@ def benchmark(
         ValueError: An unknown section, model or device, or a number out of range.
         FileNotFoundError: The model or the image does not exist.
     """
-    names = _chosen(only)
+    names = chosen_sections(only)
     if repeats < 1 or (threads is not None and threads < 1):
         raise ValueError(f"repeats is {repeats} and threads {threads}, but both must be at least 1.")
     count = threads or usable_cores()
@@ -128,7 +128,12 @@ def benchmark(
     }
 
 
-def _chosen(only: Sequence[str] | None) -> list[str]:
+def chosen_sections(only: Sequence[str] | None) -> list[str]:
+    """Gives the names of the sections to measure, in the order of `SECTIONS`; all without a choice.
+
+    Raises:
+        ValueError: An unknown section.
+    """
     unknown = [name for name in only or () if name not in SECTIONS]
     if unknown:
         raise ValueError(
@@ -164,4 +169,4 @@ def _name(image: Path | str | None) -> str:
     return "drawn road" if image is None else Path(image).name
 
 
-__all__ = ["SECTIONS", "Entry", "Progress", "benchmark"]
+__all__ = ["SECTIONS", "Entry", "Progress", "benchmark", "chosen_sections"]

@@ -91,28 +91,53 @@ class _Result(_Part):
     sections: dict[str, _Section]
 
 
+# What is wrong, by the first word of pydantic's name for it.
+_WRONG = {
+    "missing": "it is missing",
+    "model": "it must be an object",
+    "dict": "it must be an object",
+    "list": "it must be a list",
+    "tuple": "it must be a list",
+    "string": "it must be a text",
+    "bool": "it must be true or false",
+    "int": "it must be a whole number",
+    "float": "it must be a number",
+}
+
+
 def read_result(path: str | Path) -> dict[str, Any]:
     """Gives a result that `yolino benchmark --json` printed into a file.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: It is not the whole result of a benchmark.
+        ValueError: It is a folder, or not the whole result of a benchmark.
     """
     path = Path(path)
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder; give a file with what `yolino benchmark --json` printed.")
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist; give what `yolino benchmark --json` printed.")
     try:
         result: dict[str, Any] = json.loads(path.read_bytes())
         _Result.model_validate(result)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"])) or "the whole"
-        reason = f"{place}: {first['msg']}"
+        reason = _describe(error)
     except ValueError as error:
         reason = f"it is no JSON: {error}"
     else:
         return result
     raise ValueError(f"{path} is no result of `yolino benchmark --json` ({reason}).")
+
+
+def _describe(error: ValidationError) -> str:
+    """Gives the first thing that is wrong in our words: where it is, and what it must be."""
+    first = error.errors()[0]
+    place, kind = [str(part) for part in first["loc"]], first["type"].partition("_")[0]
+    wrong = _WRONG.get(kind, "it is not what the benchmark writes")
+    if place and place[-1] in ("bool", "float"):  # the choice among `bool | float`, not a name in the file
+        place.pop()
+        wrong = "it must be a number, true or false"
+    return f"{'.'.join(place) or 'the whole'}: {wrong}"
 
 
 __all__ = ["read_result"]

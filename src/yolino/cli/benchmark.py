@@ -9,6 +9,11 @@ import typer
 
 from yolino.cli.options import AsJson, Device, Engine, Model, Precision
 
+# The names in `yolino.benchmark.SECTIONS`, here so that --help loads nothing; a test compares them.
+SECTIONS = (
+    *("stages", "roofline", "engines", "paper", "files", "video", "darknet19", "nms", "linking", "linkers"),
+    *("discretize", "points", "matching", "training", "loading", "growth", "startup", "install"),
+)
 EPILOG = """
 **Examples**
 
@@ -33,7 +38,12 @@ def benchmark(
     precision: Precision = "auto",
     only: Annotated[
         list[str] | None,
-        typer.Option("--only", metavar="SECTION", help="Part of the benchmark; may be repeated."),
+        typer.Option(
+            "--only",
+            metavar="SECTION",
+            help=f"Part of the benchmark; may be repeated. One of {', '.join(SECTIONS)}.",
+            show_default="all",
+        ),
     ] = None,
     repeats: Annotated[int, typer.Option("--repeats", min=1, help="Largest number of rounds.")] = 30,
     threads: Annotated[
@@ -63,11 +73,14 @@ def benchmark(
     from yolino.benchmark import benchmark as run
     from yolino.benchmark import plot as draw
     from yolino.benchmark import read_result, report, summary
-    from yolino.benchmark.plot import check_matplotlib
+    from yolino.benchmark.plot import check_plot
+    from yolino.benchmark.run import chosen_sections
     from yolino.cli.screen import track
 
-    if plot is not None:
-        check_matplotlib()  # not after minutes of measuring
+    if short and as_json:
+        raise ValueError("--summary and --json exclude each other: leave one out.")
+    if plot is not None:  # not after minutes of measuring
+        check_plot(plot, None if saved else chosen_sections(only), quick=quick)
     if saved is not None:
         if only or image or threads or quick:
             raise ValueError("--from measures nothing: leave out --only, --image, --threads and --quick.")

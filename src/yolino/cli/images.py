@@ -41,20 +41,28 @@ def predict_images(
     from yolino.inference.engine import usable_cores
     from yolino.inference.stream import MOST
 
+    began = time.perf_counter()
     writer = ResultWriter(out, format, pictures=pictures, view=view)
     paths, problems = find_images(sources, excluded=out)
     names = result_names(paths)
     writer.refuse_overwriting(paths, names)
     streams = 1 if len(paths) <= _FEW else max(min(usable_cores(), MOST), choice.streams)
     with expected(len(paths)) as compiled:
-        once = "" if are_kept() else " (once after an installation, kernels are compiled: up to a minute)"
-        with busy(f"loading the model{once if compiled else ''}"):
+        cold = compiled and not are_kept()
+        once = " (once after an installation, kernels are compiled: up to a minute)" if cold else ""
+        with busy(f"loading the model{once}", long=cold):
             predictor = Predictor(replace(choice, streams=streams).open(model), threshold=threshold)
             if compiled:
                 predictor.warm_up()
+        start = _start(time.perf_counter() - began, cold=cold)
         with report_problems(problems):
             jobs = list(zip(paths, names, strict=True))
-            _predict_all(_Prediction(predictor, writer, streams), jobs, problems)
+            _predict_all(_Prediction(predictor, writer, streams), jobs, problems, start)
+
+
+def _start(seconds: float, *, cold: bool) -> str:
+    """Gives what the rate of images leaves out, where that was a second or more."""
+    return f"after {seconds:.0f} s of {'compiling' if cold else 'loading'}" if seconds >= 1 else ""
 
 
 class _Prediction:
@@ -88,7 +96,7 @@ class _Prediction:
             return error
 
 
-def _predict_all(prediction: _Prediction, jobs: Sequence[Job], problems: list[str]) -> None:
+def _predict_all(prediction: _Prediction, jobs: Sequence[Job], problems: list[str], before: str) -> None:
     """Predicts the images, several at once; tells at the end, also of a part that was finished.
 
     Raises:
@@ -102,7 +110,7 @@ def _predict_all(prediction: _Prediction, jobs: Sequence[Job], problems: list[st
     with stopped_by_signals() as stop, _progress(len(jobs)) as advance:
         prediction.stop = stop
         _take(prediction, _until(jobs, stop), tally, problems, advance)
-    _tell(tally, prediction.writer.out, time.perf_counter() - start)
+    _tell(tally, prediction.writer.out, time.perf_counter() - start, before)
     if stop.number:
         typer.echo(f"Stopped after {tally.images} of {len(jobs)} images.", err=True)
         raise typer.Exit(stop.exit_code)
@@ -138,13 +146,13 @@ def _until(jobs: Sequence[Job], stop: Stop) -> Iterator[Job]:
         yield job
 
 
-def _tell(tally: Tally, out: Path, seconds: float) -> None:
+def _tell(tally: Tally, out: Path, seconds: float, before: str) -> None:
     from yolino.cli.screen import print_table
 
     if tally.images:
         more = tally.images - len(tally.rows)
         print_table(("image", "polylines", "ms"), tally.rows, more=more)
-        typer.echo(tally.summary(out, seconds))
+        typer.echo(tally.summary(out, seconds, before))
 
 
 @contextlib.contextmanager

@@ -58,19 +58,20 @@ class Tally:
             suffix = "" if one.name.endswith(one.path.suffix) else one.path.suffix
             self.rows.append((one.name + suffix, len(one.result.polylines), f"{one.milliseconds:.1f}"))
 
-    def summary(self, out: Path, seconds: float) -> str:
+    def summary(self, out: Path, seconds: float, before: str = "") -> str:
         """Gives the line below the table.
 
         Args:
             out: Folder of the results.
             seconds: How long all images took together, end to end.
+            before: What came before and is not in `seconds`, such as "after 35 s of compiling".
         """
         parts = [
             f"{self.images} image{'s' * (self.images != 1)}",
             f"{self._polylines} polyline{'s' * (self._polylines != 1)}",
         ]
         if self.images > 1:
-            parts.append(f"{self.images / max(seconds, 1e-9):.1f} images per second")
+            parts.append(f"{self.images / max(seconds, 1e-9):.1f} images per second {before}".rstrip())
         return f"{', '.join(parts)}, {median(self._milliseconds):.1f} ms per image -> {out}"
 
 

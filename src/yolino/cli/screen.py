@@ -63,10 +63,17 @@ def _count(items: Iterable[T], title: str) -> Iterator[T]:
 
 
 @contextlib.contextmanager
-def busy(what: str) -> Iterator[None]:
-    """Says on stderr what takes its time, as long as it does and if somebody watches."""
+def busy(what: str, *, long: bool = False) -> Iterator[None]:
+    """Says on stderr what takes its time, as long as it does and if somebody watches.
+
+    Args:
+        what: What takes its time.
+        long: Whether it takes so long that a file or a pipe is told, too, in a line.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
+        if long:
+            typer.echo(f"{what} ...", err=True)
         yield
         return
     with console.status(what):

@@ -35,10 +35,11 @@ def warmup(
     import time
 
     from yolino.cli.screen import progress
-    from yolino.inference.warming import compile_ahead
+    from yolino.inference.warming import check_kept, compile_ahead
 
     start = time.perf_counter()
     with progress("compiling") as show:
         for share in compile_ahead(model, processes=processes):
             show(share)
-    typer.echo(f"All kernels are compiled and kept on disk ({time.perf_counter() - start:.0f} s).")
+    seconds = time.perf_counter() - start
+    typer.echo(f"All kernels are compiled and kept on disk, below {check_kept()} ({seconds:.0f} s).")
