@@ -37,12 +37,12 @@ ROWS = (
     (
         "Darknet-19, 32 px, image to polylines, OpenVINO int8",
         "{paper.32px_openvino_int8_total} ({paper.32px_openvino_int8_fps})",
-        "bare {paper.32px_openvino_int8_network}; ONNX Runtime fp32 {paper.32px_onnxruntime_fp32_total}",
+        "bare: {paper.32px_openvino_int8_network}; ONNX Runtime fp32 {paper.32px_onnxruntime_fp32_total}",
     ),
     (
         "Darknet-19, 16 px, image to polylines, OpenVINO int8",
         "{paper.16px_openvino_int8_total} ({paper.16px_openvino_int8_fps})",
-        "bare {paper.16px_openvino_int8_network}; ONNX Runtime fp32 {paper.16px_onnxruntime_fp32_total}",
+        "bare: {paper.16px_openvino_int8_network}; ONNX Runtime fp32 {paper.16px_onnxruntime_fp32_total}",
     ),
     (
         "post-processing of 500 candidates, after a network has run",
@@ -50,9 +50,9 @@ ROWS = (
         "with the linker of new models: {stages.graph_after}",
     ),
     ("preprocessing of 1280x720", "{stages.candidates_preprocess}", "decoding it from JPEG: {stages.read}"),
-    ("NMS of 500 candidates", "{nms.500_ours}", "scikit-learn, same clusters: {nms.500_speedup} slower"),
-    ("NMS of 10,000 candidates", "{nms.10000_ours}", "scikit-learn: {nms.10000_speedup} slower"),
-    ("NMS of 4,000 candidates in one radius", "{nms.heap_ours}", "scikit-learn: {nms.heap_speedup} slower"),
+    ("NMS of 500 candidates", "{nms.ours_500}", "scikit-learn, same clusters: {nms.speedup_500} slower"),
+    ("NMS of 10,000 candidates", "{nms.ours_10000}", "scikit-learn: {nms.speedup_10000} slower"),
+    ("NMS of 4,000 candidates in one radius", "{nms.ours_heap}", "scikit-learn: {nms.speedup_heap} slower"),
     ("linking and spline of a frame", "{linking.chain}", "a loop in Python: {linking.loops}"),
     ("point metric of an image", "{points.ours}", "a loop with numpy: {points.speedup} slower"),
     (
