@@ -25,12 +25,12 @@ ROWS = (
         "the bare network: {engines.openvino_int8_network}",
     ),
     (
-        "{model}, JPEG files to polylines, OpenVINO bf16",
+        "{model}, JPEG files decoded at half the size to polylines, OpenVINO bf16",
         "{files.openvino_bf16_half}",
         "decoded whole: {files.openvino_bf16_whole}",
     ),
     (
-        "{model}, JPEG files to polylines, OpenVINO int8",
+        "{model}, JPEG files decoded at half the size to polylines, OpenVINO int8",
         "{files.openvino_int8_half}",
         "decoded whole: {files.openvino_int8_whole}",
     ),
