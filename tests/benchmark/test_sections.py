@@ -188,7 +188,9 @@ def test_the_report_shows_targets_verdicts_and_notes():
             "same": Measure("same", True, target=Target("equal to", True)).to_dict(),
         },
     }
-    result = benchmark(only=["discretize"], quick=True) | {
+    measured = benchmark(only=["discretize"], quick=True)
+    result = measured | {
+        "settings": measured["settings"] | {"quick": False},
         "sections": {"two": section},
         "targets": {"met": ["two.fast", "two.same"], "missed": ["two.slow"], "not_measured": ["other"]},
     }
