@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from time import perf_counter
@@ -78,13 +77,6 @@ def _calls(run: Callable[[], object], calls: int | None) -> int:
     return calls or min(max(math.ceil(_SLICE_S / once), 1), _MOST_CALLS)
 
 
-def usable_cores() -> int:
-    """Gives the number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 @contextlib.contextmanager
 def opencv_threads(count: int) -> Iterator[None]:
     """Lets OpenCV use `count` threads within the block."""
@@ -96,4 +88,4 @@ def opencv_threads(count: int) -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-__all__ = ["LEAST_ROUNDS", "Times", "opencv_threads", "race", "usable_cores"]
+__all__ = ["LEAST_ROUNDS", "Times", "opencv_threads", "race"]

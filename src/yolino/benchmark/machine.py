@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from yolino.benchmark.clock import usable_cores
+from yolino.inference.engine import usable_cores
 
 _PACKAGES = (
     "yolino",

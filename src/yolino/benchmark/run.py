@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from yolino.benchmark.clock import opencv_threads, usable_cores
+from yolino.benchmark.clock import opencv_threads
 from yolino.benchmark.machine import describe_machine
 from yolino.benchmark.measure import Section, lacking
 from yolino.benchmark.setup import Setup
+from yolino.inference.engine import usable_cores
 
 Progress = Callable[[Sequence[str]], Iterable[str]]
 
