@@ -19,7 +19,9 @@ def paint_seams(canvas: Canvas, view: View, layout: Layout, ground: Ground, rng:
     shift = rng.normal(0, 0.12)
     for boundary in layout.boundaries:
         if rng.random() < chance:
-            _seam(canvas, view, boundary.offset + shift + rng.normal(0, 0.06), rng)
+            # Some run half a meter beside the paint, or leave it: where paint is dashed, they look the part.
+            spread = 0.35 if rng.random() < 0.3 else 0.06
+            _seam(canvas, view, boundary.offset + shift + rng.normal(0, spread), rng)
     for edge in layout.edges:
         if rng.random() < 0.4:
             _seam(canvas, view, edge + rng.normal(0, 0.1), rng)
@@ -40,7 +42,8 @@ def _seam(canvas: Canvas, view: View, x: float, rng: np.random.Generator) -> Non
     stripe = Stripe(
         rng.uniform(0.015, 0.08), (gray, gray, gray), 0.0, pattern, rng.uniform(0.2, 0.9), rng.uniform(0, 0.7)
     )
-    drift, sway, phase = rng.normal(0, 0.0015), rng.exponential(0.012), rng.uniform(0, 6)
+    drift = rng.normal(0, 0.007 if rng.random() < 0.25 else 0.0015)
+    sway, phase = rng.exponential(0.012), rng.uniform(0, 6)
     paint_stripe(
         canvas, view, stripe, lambda z: x + drift * z + sway * np.sin(z / 2.5 + phase), int(rng.integers(512))
     )
