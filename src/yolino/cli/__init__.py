@@ -1,4 +1,4 @@
-"""The command line: `yolino predict | train | evaluate | score | export | datasets | benchmark | warmup`.
+"""The command line: `yolino predict | train | sweep | evaluate | diagnose | tune | score | export | ...`.
 
 Each command is one file. What a command needs is imported when it runs, so that `yolino --help` is fast and
 detecting never loads torch.
@@ -12,7 +12,19 @@ from typing import Annotated
 
 import typer
 
-from yolino.cli import benchmark, datasets, evaluate, export, predict, score, train, warmup
+from yolino.cli import (
+    benchmark,
+    datasets,
+    diagnose,
+    evaluate,
+    export,
+    predict,
+    score,
+    sweep,
+    train,
+    tune,
+    warmup,
+)
 
 _MISTAKE, _BUG = 2, 3
 
@@ -47,7 +59,20 @@ def _common(
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
 
 
-for _command in (predict, train, evaluate, score, export, datasets, benchmark, warmup):
+_COMMANDS = (
+    predict,
+    train,
+    sweep,
+    evaluate,
+    diagnose,
+    tune,
+    score,
+    export,
+    datasets,
+    benchmark,
+    warmup,
+)
+for _command in _COMMANDS:
     _command.add_to(app)
 
 

@@ -1,14 +1,11 @@
-"""The experiment file: YAML with a section per part; its keys are the constructors' arguments."""
+"""The sections of an experiment file; their keys are the constructors' arguments."""
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 
 class Section(BaseModel):
@@ -55,7 +52,8 @@ class Data(Section):
         fit: How an image is fitted to the input; `window` does not fit it: training draws windows of `size`
             anywhere in it, and the model goes over an image of any size in windows.
         scale: Pixels of the network's input per pixel of the image, for the fit `window`.
-        cache: Whether files are decoded once, into `decoded` below `out`; always so for the fit `window`.
+        cache: Whether files are decoded, and scenes drawn, once, into `decoded` below `out`; always so for
+            the fit `window`.
         classes: Names of the classes to predict; empty for a network without classes.
         directed: Whether the direction of a line means something.
         licence: Licence of the training data; written into every model file.
@@ -91,18 +89,44 @@ class Model(Section):
     backbone_args: dict[str, Any] = Field(default_factory=dict)
     pretrained: bool = False
     upsample: Literal[0, 1, 2] = 1
+    neck: str = "upsampling"
     neck_width: int = Field(448, ge=2)
     predictors: int = Field(8, ge=1)
     representation: str = "po"
 
 
 class Loss(Section):
-    """Weights of the four loss terms (paper, Eq. 4-7)."""
+    """Weights of the four loss terms (paper, Eq. 4-7), and what may be added to them.
+
+    Attributes:
+        loc: Weight of the localization.
+        resp: Weight of the responsible predictors' confidence.
+        noresp: Weight of the free predictors' confidence.
+        classes: Weight of the classification.
+        direction: Weight of 1 - cosine of the angle to the true direction.
+        confidence: Name in `CONFIDENCES`: what the confidence of the predictors is compared with, and how.
+    """
 
     loc: float = Field(2.0, ge=0)
     resp: float = Field(1.0, ge=0)
     noresp: float = Field(1.0, ge=0)
     classes: float = Field(1.0, ge=0)
+    direction: float = Field(0.0, ge=0)
+    confidence: str = "squared"
+
+
+class Matching(Section):
+    """Which predictors answer for a true segment.
+
+    Attributes:
+        several: Predictors that answer for each segment at the beginning; 1 is the paper's matching.
+        until: Share of the steps after which one answers for each.
+        spare: Free predictors nearer than this to a true segment, in cells, are not punished.
+    """
+
+    several: int = Field(1, ge=1)
+    until: float = Field(0.5, ge=0, le=1)
+    spare: float = Field(0.0, ge=0)
 
 
 class Augmentation(Section):
@@ -168,6 +192,8 @@ class Postprocess(Section):
     Attributes:
         threshold: Smallest score of a segment; none takes the one with the best F1 in validation.
         nms: Arguments of `NMS`.
+        flip: Whether the network also sees the mirrored image, for fits other than `window`. It takes twice
+            as long, and finds a little more.
         rotations: For the fit `window`: how many views of a window the network sees, turned by a half (2) or
             by quarters (4). It takes as many times longer, and finds a little more.
         linker: Name in `LINKERS`.
@@ -176,6 +202,7 @@ class Postprocess(Section):
 
     threshold: float | None = Field(None, ge=0, le=1)
     nms: dict[str, Any] = Field(default_factory=dict)
+    flip: bool = False
     rotations: Literal[1, 2, 4] = 1
     linker: str = "graph"
     linker_options: dict[str, Any] = Field(default_factory=dict)
@@ -193,110 +220,22 @@ class Experiment(Section):
     data: Data
     model: Model = Model()
     loss: Loss = Loss()
+    matching: Matching = Matching()
     augment: Augmentation = Augmentation()
     training: Training = Training()
     postprocess: Postprocess = Postprocess()
     out: Path = Path("runs")
 
 
-def load_experiment(path: str | Path, overrides: Sequence[str] = ()) -> Experiment:
-    """Reads an experiment file and applies overrides: `training.lr=1e-3`, `data.train.0.weight=2`.
-
-    Raises:
-        FileNotFoundError: No such file.
-        ValueError: Not YAML, a misspelt key (the nearest right one is named), or a value that is not allowed.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"The experiment file {path} does not exist; the repository has some under configs/."
-        )
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(values, dict):
-        raise ValueError(f"{path} holds no sections; an experiment file begins with `name:` and `data:`.")
-    for change in overrides:
-        override(values, change)
-    try:
-        return Experiment.model_validate(values)
-    except ValidationError as error:
-        raise ValueError(f"{path}: {explain(error, Experiment)}") from error
-
-
-def override(values: dict[str, Any], change: str) -> None:
-    """Sets one `a.b.c=value` (value read as YAML) in nested dicts and lists.
-
-    Raises:
-        ValueError: The change is not of this form, or its key does not fit the values.
-    """
-    key, equals, text = change.partition("=")
-    if not equals or not key:
-        raise ValueError(f"Override {change!r} is not of the form key=value, e.g. training.lr=1e-3.")
-    *parents, last = key.split(".")
-    at: Any = values
-    for part in parents:
-        at = at[_place(at, part, change)] if isinstance(at, list) else at.setdefault(part, {})
-        if not isinstance(at, dict | list):
-            raise ValueError(f"Override {change!r}: {part} is a single value and has no keys below it.")
-    value = yaml.safe_load(text)
-    if isinstance(value, str):
-        value = _number(value)
-    at[_place(at, last, change) if isinstance(at, list) else last] = value
-
-
-def _number(text: str) -> str | float:
-    """Reads `1e-3`, which YAML 1.1 takes for a text."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _place(items: list[Any], part: str, override: str) -> int:
-    if not part.isdigit() or int(part) >= len(items):
-        raise ValueError(f"Override {override!r}: {part} must be a number from 0 to {len(items) - 1}.")
-    return int(part)
-
-
-def _keys_of(model: type[BaseModel], location: Sequence[str | int]) -> list[str]:
-    """Gives the allowed keys of the section that holds the unknown key at `location`."""
-    for part in location:
-        found = model.model_fields.get(part) if isinstance(part, str) else None
-        annotation = found.annotation if found else None
-        candidates = [annotation, *getattr(annotation, "__args__", ())]
-        model = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), model)
-    return list(model.model_fields)
-
-
-def explain(error: ValidationError, whole: type[BaseModel]) -> str:
-    """Puts the first mistake in a file of the form `whole` into one sentence."""
-    mistake: Mapping[str, Any] = error.errors()[0]
-    location = mistake["loc"]
-    key = ".".join(map(str, location))
-    if mistake["type"] == "extra_forbidden":
-        allowed = _keys_of(whole, location[:-1])
-        return (
-            f"unknown key {key!r}; {suggest(str(location[-1]), allowed)}Allowed here: {', '.join(allowed)}."
-        )
-    if mistake["type"] == "missing":
-        return f"the key {key!r} is missing."
-    return f"{key} is {mistake['input']!r}: {mistake['msg'].removeprefix('Value error, ')}."
-
-
-def suggest(name: str, allowed: Iterable[str]) -> str:
-    """Gives `did you mean 'x'? ` for the allowed name nearest to a misspelt one, or nothing."""
-    near = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
-    return f"did you mean {near[0]!r}? " if near else ""
-
-
-def check_keys(section: str, given: Iterable[str], allowed: Iterable[str], *, owner: str = "") -> None:
-    """Raises a ValueError that names the first key of `section` that is not allowed, and the nearest one."""
-    names = list(allowed)
-    for key in given:
-        if key not in names:
-            raise ValueError(
-                f"unknown key '{section}.{key}'{owner and f' of {owner}'}; {suggest(str(key), names)}"
-                f"Allowed here: {', '.join(names) or 'none'}."
-            )
+__all__ = [
+    "Augmentation",
+    "Data",
+    "Experiment",
+    "Loss",
+    "Matching",
+    "Model",
+    "Postprocess",
+    "Section",
+    "Source",
+    "Training",
+]

@@ -1,0 +1,183 @@
+"""Several experiments become one table; a killed sweep goes on, and a failing row stops no other."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from yolino.sweep import Outcome, load_sweep, plan, prospects, run_sweep
+from yolino.sweep.result import PROBLEM, RESULT, RUNS, read_result
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::UserWarning"
+)
+Sweeping = Callable[..., tuple[Outcome, list[str]]]
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def run(folder: Path, out: Path) -> Sweeping:
+    """Runs the sweep; gives what came of it and what was said."""
+
+    def sweep(*changes: str, seeds: tuple[int, ...] = (), only: tuple[str, ...] = ()):
+        found, said = load_sweep(folder), list[str]()
+        jobs = plan(found, changes, out, only=only, seeds=seeds)
+        return run_sweep(found, prospects(jobs), out, say=said.append), said
+
+    return sweep
+
+
+def kill_at(monkeypatch: pytest.MonkeyPatch, step: int) -> None:
+    """Stops the process, as it were, before the so-manieth training step from now on."""
+    from yolino.training.module import TrainingModule
+
+    original, count = TrainingModule.training_step, [0]
+
+    def killed(self, batch, batch_idx):
+        count[0] += 1
+        if count[0] == step:
+            raise KeyboardInterrupt
+        return original(self, batch, batch_idx)
+
+    monkeypatch.setattr(TrainingModule, "training_step", killed)
+
+
+def test_a_killed_sweep_goes_on_and_ends_with_a_table(run, out, monkeypatch):
+    with monkeypatch.context() as patch:
+        kill_at(patch, 8)  # the last step of the second run
+        with pytest.raises((KeyboardInterrupt, SystemExit)):
+            run()
+    first = read_result(out / RUNS / "a-seed0")
+    assert first is not None
+    assert (first.steps, first.parameters > 1000, first.train[0].images) == (4, True, 50)
+    assert {"segment_f1", "f1", "images"} <= set(first.scores)
+    assert "accuracy" not in first.scores  # no labels of the TuSimple benchmark
+    assert "Not run yet: b." in (out / "table.md").read_text()
+    assert not (out / RUNS / "b-seed0" / RESULT).exists()
+    changed = (out / RUNS / "a-seed0" / "last.ckpt").stat().st_mtime_ns
+
+    outcome, said = run()
+    assert outcome == Outcome({}, {})
+    assert said[0] == "[1 of 2] a, seed 0: finished before"
+    assert said[1].startswith("[2 of 2] b, seed 0: goes on from step 2 of 4")
+    assert said[2].startswith("[2 of 2] b, seed 0: step 4 of 4, ")
+    assert said[-1].startswith("[2 of 2] b, seed 0: finished in ")
+    assert (out / RUNS / "a-seed0" / "last.ckpt").stat().st_mtime_ns == changed
+    second = read_result(out / RUNS / "b-seed0")
+    assert second is not None
+    assert second.settings["model"]["representation"] == "eu"
+    rows = json.loads((out / "table.json").read_text())["rows"]
+    assert [len(row["runs"]) for row in rows] == [1, 1]
+
+    # A run that was trained, but not yet scored: nothing is trained again.
+    (out / RUNS / "b-seed0" / RESULT).unlink()
+    kill_at(monkeypatch, 1)
+    outcome, said = run()
+    assert outcome == Outcome({}, {})
+    again = read_result(out / RUNS / "b-seed0")
+    assert again is not None
+    assert again.scores["segment_f1"] == second.scores["segment_f1"]
+    assert again.seconds >= 0
+
+
+def test_what_fails_or_has_no_data_stops_no_other(folder, run, out, monkeypatch):
+    (folder / "b.yaml").write_text("base: a.yaml\ndata: {train: [{data: nowhere}]}")
+    (folder / "_c.yaml").write_text("name: never")
+    (folder / "c.yaml").write_text("base: a.yaml\ntraining: {start_from: nothing.safetensors}")
+    (folder / "d.yaml").write_text("base: a.yaml\ndata: {val: [{dataset: synthetic, options: {kin: 1}}]}")
+    outcome, said = run("training.steps=1")
+    assert read_result(out / RUNS / "a-seed0") is not None
+    assert list(outcome.missing) == ["b-seed0"]
+    assert outcome.missing["b-seed0"].startswith("not run: There is no data description nowhere")
+    assert list(outcome.failed) == ["c-seed0", "d-seed0"]
+    assert "nothing.safetensors" in outcome.failed["c-seed0"]
+    assert "kin" in outcome.failed["d-seed0"]
+    assert "Traceback" in (out / RUNS / "c-seed0" / PROBLEM).read_text()
+    assert [line[:8] for line in said if "failed" in line or "not run" in line] == [
+        "[2 of 4]",
+        "[3 of 4]",
+        "[4 of 4]",
+    ]
+    text = (out / "table.md").read_text()
+    for row in ("b", "c", "d"):
+        assert f"- {row}, seed 0: " in text
+    # Put right, it is run, and the problem is forgotten.
+    (folder / "d.yaml").write_text("base: a.yaml")
+    outcome, _ = run("training.steps=1", only=("d",))
+    assert outcome == Outcome({}, {})
+    assert not (out / RUNS / "d-seed0" / PROBLEM).exists()
+
+
+def test_a_change_of_settings_is_an_error_that_says_what_to_do(folder, finish, out):
+    finish("a", f1=0.5)
+    sweep = load_sweep(folder)
+    with pytest.raises(
+        ValueError, match=r"a-seed0 is a run of a with other settings \(training\.steps\): give .*--out"
+    ):
+        plan(sweep, ["training.steps=9"], out)
+    with pytest.raises(ValueError, match=r"other settings \(training\.lr\)"):
+        plan(sweep, ["training.lr=9"], out, seeds=[1])
+    plan(sweep, ["training.steps=9"], out, only=["b"])
+    plan(sweep, ["training.workers=1"], out)
+    assert [(job.row, job.finished) for job in plan(sweep, [], out)] == [("a", True), ("b", False)]
+
+
+def test_what_older_runs_do_not_know_has_its_default(folder, finish, out):
+    finish("a", f1=0.5)
+    path = out / RUNS / "a-seed0" / RESULT
+    result = json.loads(path.read_text())
+    del result["settings"]["model"]["neck"]
+    path.write_text(json.dumps(result))
+    plan(load_sweep(folder), [], out)
+    result["settings"]["model"]["gone"] = 1
+    path.write_text(json.dumps(result))
+    with pytest.raises(ValueError, match=r"another version of yolino: unknown key 'model\.gone'"):
+        plan(load_sweep(folder), [], out)
+
+
+def test_seeds_and_rows_are_chosen(folder, out):
+    sweep = load_sweep(folder)
+    jobs = plan(sweep, ["training.lr=0.5"], out, seeds=[3, 1, 3])
+    assert [(job.row, job.seed) for job in jobs] == [("a", 3), ("b", 3), ("a", 1), ("b", 1)]
+    assert {job.experiment.training.lr for job in jobs} == {0.5}
+    assert jobs[2].folder == out / RUNS / "a-seed1"
+    assert [job.row for job in plan(sweep, [], out, only=["b"])] == ["b"]
+    assert [job.seed for job in plan(sweep, ["training.seed=7"], out)] == [7, 7]
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "message"),
+    [
+        (["name=x"], {}, "name cannot be changed .*; use the names of the files"),
+        (["out=x"], {}, "use --out"),
+        (["training.seed=1"], {"seeds": [1]}, "use --seeds"),
+        ([], {"only": ["c"]}, "no row 'c'; .*It has a, b"),
+        (["training.step=1"], {}, "did you mean 'steps'"),
+        (["postprocess.linker=tre"], {}, r"a\.yaml: postprocess\.linker 'tre' is unknown"),
+    ],
+)
+def test_mistakes_are_told_before_anything_runs(folder, out, changes, options, message):
+    with pytest.raises(ValueError, match=message):
+        plan(load_sweep(folder), changes, out, **options)
+    assert not out.exists()
+
+
+def test_other_data_may_be_scored(folder, run, out):
+    (folder / "sweep.yaml").write_text(
+        "groups: [{rows: [a], score_on: ["
+        "{dataset: synthetic, options: {kind: shapes, length: 2, size: [64, 96]}},"
+        "{dataset: synthetic, options: {kind: shapes, length: 1, seed: 5, size: [64, 96]}}]}]"
+    )
+    outcome, _ = run("training.steps=1")
+    assert outcome == Outcome({}, {})
+    result = read_result(out / RUNS / "a-seed0")
+    assert result is not None
+    assert result.scores["images"] == 3
+    assert sum(part.images for part in result.scored) == 3
