@@ -33,8 +33,9 @@ class Header:
         licence: Licence of the training data, and thereby of the weights.
         data: What the model was trained on.
         postprocess: `threshold` (a score), `nms` (arguments of `NMS`), `linker` (a name in `LINKERS`),
-            `linker_options` (its arguments) and `rotations` (1, 2 or 4: how many turned views of a window the
-            network sees). What is absent has the constructor's default.
+            `linker_options` (its arguments), `rotations` (1, 2 or 4: how many turned views of a window the
+            network sees) and `flip` (whether it also sees the mirrored image, for the other fits). What is
+            absent has the constructor's default.
         metrics: Validation numbers.
         commit: Git commit of the code that trained the model.
         precision: How the file's weights are: "fp32", "fp16" (stored with 16 bits) or "int8" (quantized).
@@ -163,6 +164,7 @@ _TYPES: _Checks = {
     "metrics": _OBJECT,
 }
 _POSTPROCESS: _Checks = {
+    "flip": (_is_flag, "true or false"),
     "rotations": (_is_rotations, "1, 2 or 4"),
     "threshold": (_is_score, "a number from 0 to 1"),
     "nms": _OBJECT,

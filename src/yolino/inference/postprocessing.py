@@ -28,6 +28,20 @@ def build_quarters(header: Header) -> tuple[int, ...]:
     return QUARTERS[rotations]
 
 
+def build_flip(header: Header) -> bool:
+    """Gives whether the network also sees the mirrored image.
+
+    Raises:
+        ValueError: The model sees windows, which are turned instead.
+    """
+    flip = bool(header.postprocess.get("flip", False))
+    if flip and header.fit == "window":
+        raise ValueError(
+            'The header\'s flip is true, but with the fit "window" nothing is mirrored: use rotations.'
+        )
+    return flip
+
+
 def build_nms(header: Header) -> Suppressor:
     """Gives the NMS that the header describes, for the cells of its network."""
     from yolino.postprocess import NMS
@@ -58,4 +72,12 @@ def build_linker(header: Header) -> Linker:
     return linker
 
 
-__all__ = ["DEFAULT_LINKER", "Linker", "Suppressor", "build_linker", "build_nms", "build_quarters"]
+__all__ = [
+    "DEFAULT_LINKER",
+    "Linker",
+    "Suppressor",
+    "build_flip",
+    "build_linker",
+    "build_nms",
+    "build_quarters",
+]

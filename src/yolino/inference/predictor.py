@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from yolino.compiled import reconsider
 from yolino.header import Header
 from yolino.inference.engine import Engine, usable_cores
-from yolino.inference.postprocessing import Linker, Suppressor, build_linker, build_nms, build_quarters
+from yolino.inference.flips import mirror_segments, with_mirrors
+from yolino.inference.postprocessing import (
+    Linker,
+    Suppressor,
+    build_flip,
+    build_linker,
+    build_nms,
+    build_quarters,
+)
 from yolino.inference.preprocess import Preprocess
 from yolino.inference.rotations import join_views, turn, turn_back, turn_predictors
 from yolino.inference.views import ImageRaster, Pixels, view
@@ -62,7 +70,8 @@ class Predictor:
 
     Post-processing happens in the frame of the network, so its parameters hold at every image size. A model
     whose fit is "window" goes over each image in windows; their segments are joined before one NMS and one
-    linking, in the frame of the whole image at the network's scale.
+    linking, in the frame of the whole image at the network's scale. If the header says `flip`, the network
+    sees each image and its mirror image, in one batch; the segments of both are joined before the NMS.
 
     Args:
         engine: Loaded network.
@@ -99,7 +108,7 @@ class Predictor:
         self.threshold = float(threshold)
         self.preprocess = Preprocess(header.size, header.fit)
         self.overlap = overlap
-        self.quarters = build_quarters(header)
+        self.quarters, self.flip = build_quarters(header), build_flip(header)
         if header.fit == "window":
             self.plan(header.size)  # says now what is wrong with the overlap
         self.nms = build_nms(header) if nms is None else nms
@@ -140,12 +149,18 @@ class Predictor:
 
     def segments(self, image: Image) -> Segments:
         """Gives the segments above the threshold as the network gives them, in pixels of the image."""
-        ((found, matrix),) = self._detect([image])
-        return map_segments(found, matrix)
+        return map_segments(*self.detect(image))
+
+    def detect(self, image: Image) -> tuple[Segments, Float[np.ndarray, "3 3"]]:
+        """Gives the segments above the threshold where NMS and linker work, and the matrix to the image.
+
+        Segments are in pixels of the network's input; the matrix leads from there to pixels of the image.
+        """
+        return self._detect([image])[0]
 
     def stages(self, image: Image) -> Stages:
         """Gives what every step makes of the image, from one run of the network."""
-        ((found, matrix),) = self._detect([image])
+        found, matrix = self.detect(image)
         merged = self.nms(found)
         lines = self.linker(merged)
         return Stages(map_segments(found, matrix), map_segments(merged, matrix), map_polylines(lines, matrix))
@@ -153,7 +168,7 @@ class Predictor:
     def warm_up(self) -> None:
         """Runs every step once on made-up input, so that the first image takes no longer than the others."""
         height, width = self.header.size
-        _above(self.engine(np.zeros((1, height, width, 3), np.uint8)), 0, self.threshold)
+        _above(self.engine(np.zeros((1 + self.flip, height, width, 3), np.uint8)), 0, self.threshold)
         steps = np.linspace(0.0, 1.0, 9)[:, None] * (0.0, -height) + (width / 2, height)
         self.linker(self.nms(Segments(np.repeat(np.stack([steps[:-1], steps[1:]], axis=1), 2, axis=0))))
 
@@ -228,8 +243,16 @@ class Predictor:
         inputs, matrices = zip(*_each(self.preprocess, images), strict=True)
         # One image is no copy of itself; the colors of `bgr[..., ::-1]` are turned here.
         batch = np.ascontiguousarray(inputs[0][None]) if len(inputs) == 1 else np.stack(inputs)
-        output = self.engine(batch)
-        return [(_above(output, i, self.threshold), matrix) for i, matrix in enumerate(matrices)]
+        output = self.engine(with_mirrors(batch) if self.flip else batch)
+        return [(self._seen(output, i, len(images)), matrix) for i, matrix in enumerate(matrices)]
+
+    def _seen(self, output: Output, index: int, count: int) -> Segments:
+        """Gives the segments above the threshold of one of `count` images, with those of its mirror image."""
+        found = _above(output, index, self.threshold)
+        if not self.flip:
+            return found
+        mirrored = _above(output, count + index, self.threshold)
+        return join_views([found, mirror_segments(mirrored, self.header.size[1])])
 
     def _link(self, detected: tuple[Segments, Float[np.ndarray, "3 3"]]) -> Polylines:
         """Gives the polylines of what `_detect` gave for an image."""

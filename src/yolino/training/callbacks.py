@@ -157,6 +157,8 @@ def build_header(experiment: Experiment, metrics: Mapping[str, float]) -> Header
     postprocess = experiment.postprocess.model_dump()
     if postprocess["threshold"] is None:
         postprocess["threshold"] = metrics["threshold"]
+    if not postprocess["flip"]:
+        del postprocess["flip"]  # earlier versions do not know it, and refuse a file that has it
     return Header(
         version=version("yolino"),
         name=experiment.name,
