@@ -22,6 +22,7 @@ from yolino.model.representations import REPRESENTATIONS
 from yolino.training import checks
 from yolino.training.callbacks import averaging
 from yolino.training.checks import check_experiment, has_compiler
+from yolino.training.confidence import CONFIDENCES
 from yolino.training.data import to_device
 from yolino.training.loaders import build_loaders, loader_options
 from yolino.training.losses import Criterion
@@ -53,14 +54,24 @@ def predicted(rng: np.random.Generator, name: str, targets: Targets) -> Predicti
     )
 
 
+OPTIONS: list[dict[str, Any]] = [{"several": 2}, {"direction": 1.0}, {"spare": 0.1, "several": 3}]
+OPTIONS += [{"confidence": name, "direction": 1.0} for name in CONFIDENCES]
+
+
 @pytest.mark.parametrize("directed", [True, False])
-@pytest.mark.parametrize("name", list(REPRESENTATIONS))
-def test_matching_and_losses_never_wait_for_a_value(name: str, directed: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "options"), [(name, {}) for name in REPRESENTATIONS] + [("po", options) for options in OPTIONS]
+)
+def test_matching_and_losses_never_wait_for_a_value(
+    name: str, directed: bool, options: dict[str, Any]
+) -> None:
     # Fake tensors have shapes and no values: whatever asks for one, as `.item()` or a mask does, raises. On a
     # GPU each such question stops the CPU until all is computed.
     targets = labels(np.random.default_rng(0))
     prediction = predicted(np.random.default_rng(1), name, targets)
-    criterion = Criterion(REPRESENTATIONS[name](), directed=directed)
+    several = options.get("several", 1)
+    named = {key: value for key, value in options.items() if key != "several"}
+    criterion = Criterion(REPRESENTATIONS[name](), directed=directed, **named)
     mode = FakeTensorMode()
 
     def fake(value: Any) -> Any:
@@ -69,9 +80,9 @@ def test_matching_and_losses_never_wait_for_a_value(name: str, directed: bool) -
     leaves = Prediction(*(fake(value.detach()).requires_grad_() for value in prediction))
     unknown = Targets(*map(fake, targets))
     with mode:
-        losses, matches = criterion(leaves, unknown)
+        losses, matches = criterion(leaves, unknown, several)
         losses.total.backward()
-    _, real = criterion(prediction, targets)
+    _, real = criterion(prediction, targets, several)
     assert matches.cells.shape == real.cells.shape
     assert matches.surplus == real.surplus
 
@@ -186,3 +197,31 @@ def test_matching_takes_its_numbers_from_the_labels_alone() -> None:
     params = torch.rand(2, CELLS, 3, 4)
     found = match(params, targets, REPRESENTATIONS["po"]())
     assert len(found.targets) == sum(targets.counts[:3])
+
+
+def test_the_step_decides_how_many_predictors_answer(
+    experiment: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes = ("training.steps=8", "matching.several=2", "matching.until=0.5", "matching.spare=0.1")
+    module = TrainingModule(experiment(*changes, "loss.confidence=quality", "loss.direction=0.5"))
+    assert (module.criterion.spare, module.criterion.direction) == (0.1, 0.5)
+    assert module.criterion.confidence is CONFIDENCES["quality"]
+    asked: list[int] = []
+    criterion = module.criterion.forward
+    monkeypatch.setattr(module.criterion, "forward", lambda *a: (asked.append((*a, 1)[2]), criterion(*a))[1])
+    monkeypatch.setattr(module, "log", lambda *_, **__: None)
+    monkeypatch.setattr(module, "log_dict", lambda *_, **__: None)
+    batch = next(iter(build_loaders(experiment(), border=False)[0]))
+    for step in (0, 3, 4, 7):
+        monkeypatch.setattr(TrainingModule, "global_step", step)
+        assert torch.isfinite(module.training_step(batch, 0))
+    module.on_validation_epoch_start()
+    monkeypatch.setattr(TrainingModule, "global_step", 0)
+    with torch.no_grad():
+        module.validation_step(batch, 0)
+    assert asked == [2, 2, 1, 1, 1]
+
+
+def test_an_unknown_confidence_stops_before_training(experiment: Any) -> None:
+    with pytest.raises(ValueError, match=r"^loss\.confidence 'qualiti' is unknown; did you mean 'quality'\?"):
+        TrainingModule(experiment("loss.confidence=qualiti"))

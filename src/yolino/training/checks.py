@@ -10,9 +10,10 @@ from contextlib import contextmanager
 
 from yolino.config import Experiment, check_keys, suggest
 from yolino.header import Header
-from yolino.inference.postprocessing import build_linker, build_nms, build_quarters
+from yolino.inference.postprocessing import build_flip, build_linker, build_nms, build_quarters
 from yolino.postprocess import LINKERS, NMS
 from yolino.training.callbacks import build_header
+from yolino.training.confidence import build_confidence
 
 
 def check_experiment(experiment: Experiment) -> Header:
@@ -22,8 +23,9 @@ def check_experiment(experiment: Experiment) -> Header:
         That header, with a made-up threshold where validation is to choose it.
 
     Raises:
-        ValueError: The linker is unknown, a key of it or of the NMS is unknown or out of range, what is said
-            of windows does not fit them, or there is no compiler for `training.compile`.
+        ValueError: The linker or `loss.confidence` is unknown, a key of the linker or the NMS is unknown or
+            out of range, what is said of windows or of mirrored images does not fit them, or there is no
+            compiler for `training.compile`.
     """
     post = experiment.postprocess
     if post.linker not in LINKERS:
@@ -36,6 +38,7 @@ def check_experiment(experiment: Experiment) -> Header:
             "training.compile needs a C++ compiler, and none is found: install g++ or clang++, name one in "
             "the environment variable CXX, or leave training.compile=false."
         )
+    build_confidence(experiment.loss.confidence)
     check_keys("postprocess.nms", post.nms, _options(NMS))
     check_keys("postprocess.linker_options", post.linker_options, _options(LINKERS[post.linker]))
     for key in ("name", "pretrained"):
@@ -48,6 +51,7 @@ def check_experiment(experiment: Experiment) -> Header:
         "postprocess.nms": build_nms,
         "postprocess.linker_options": build_linker,
         "postprocess.rotations": build_quarters,
+        "postprocess.flip": build_flip,
     }
     for key, build in builders.items():
         with _naming(key):

@@ -1,4 +1,4 @@
-"""The training objective: a weighted sum of four terms (paper, Eq. 4-7)."""
+"""The training objective: a weighted sum of four terms (paper, Eq. 4-7), and one more."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ from torch.nn import functional
 
 from yolino.model.network import Prediction
 from yolino.model.representations import Representation
-from yolino.training.matching import Matches, match
+from yolino.training.confidence import Penalty, build_confidence, fit, squared
+from yolino.training.matching import Matches, gap_cells, match
 from yolino.training.targets import Targets
+
+# Segments shorter than this, in cells, have no direction worth learning, and its slope would be too steep.
+SHORT_CELLS = 0.1
 
 
 class Losses(NamedTuple):
-    """The four terms before their weights, and their weighted sum.
+    """The terms before their weights, and their weighted sum.
 
     Attributes:
         total: Weighted sum; what is minimized.
@@ -25,6 +29,7 @@ class Losses(NamedTuple):
         resp: Confidence of the responsible predictors, per responsible predictor.
         noresp: Confidence of the free predictors, per free predictor.
         classes: Classification, per responsible predictor.
+        direction: Error of the direction, per responsible predictor; 0 where it has no weight.
     """
 
     total: Float[Tensor, ""]
@@ -32,6 +37,7 @@ class Losses(NamedTuple):
     resp: Float[Tensor, ""]
     noresp: Float[Tensor, ""]
     classes: Float[Tensor, ""]
+    direction: Float[Tensor, ""]
 
 
 def localization_loss(
@@ -41,19 +47,42 @@ def localization_loss(
     return representation.distance(encoded, params).sum()
 
 
-def responsible_loss(confidence: Float[Tensor, " m"]) -> Float[Tensor, ""]:
-    """Sums (c - 1)^2 over the responsible predictors (paper, Eq. 5)."""
-    return (confidence - 1).square().sum()
+def responsible_loss(
+    confidence: Float[Tensor, " m"],
+    target: Float[Tensor, " m"] | float = 1.0,
+    penalty: Penalty = squared,
+) -> Float[Tensor, ""]:
+    """Sums (c - 1)^2 over the responsible predictors (paper, Eq. 5), or what `CONFIDENCES` has instead."""
+    return penalty(confidence, target).sum()
 
 
-def free_loss(confidence: Float[Tensor, " *shape"], free: Bool[Tensor, " *shape"]) -> Float[Tensor, ""]:
-    """Sums (c - 0)^2 over the free predictors (paper, Eq. 6)."""
-    return (confidence.square() * free).sum()
+def free_loss(
+    confidence: Float[Tensor, " *shape"],
+    free: Bool[Tensor, " *shape"],
+    target: Float[Tensor, " *shape"] | float = 0.0,
+    penalty: Penalty = squared,
+) -> Float[Tensor, ""]:
+    """Sums (c - 0)^2 over the free predictors (paper, Eq. 6), or what `CONFIDENCES` has instead."""
+    return (penalty(confidence, target) * free).sum()
 
 
 def class_loss(probabilities: Float[Tensor, "m c"], labels: Tensor) -> Float[Tensor, ""]:
     """Sums the squared errors of the class probabilities over the responsible predictors (paper, Eq. 7)."""
     return (probabilities - functional.one_hot(labels, probabilities.shape[-1])).square().sum()
+
+
+def direction_loss(segments: Float[Tensor, "m 2 2"], truth: Float[Tensor, "m 2 2"]) -> Float[Tensor, ""]:
+    """Sums 1 - cosine of the angle between the segments (end points in cells) and their true directions.
+
+    A predicted segment shorter than `SHORT_CELLS` counts as if its cosine were smaller in proportion, which
+    makes it longer; a true one that short has no direction and counts 0.
+    """
+    way, true_way = segments[:, 1] - segments[:, 0], truth[:, 1] - truth[:, 0]
+    length = torch.linalg.vector_norm(way, dim=-1).clamp_min(SHORT_CELLS)
+    true_length = torch.linalg.vector_norm(true_way, dim=-1)
+    cosine = (way * true_way).sum(-1) / (length * true_length.clamp_min(SHORT_CELLS))
+    total: Tensor = ((1 - cosine) * (true_length >= SHORT_CELLS)).sum()
+    return total
 
 
 def _over_all_ranks(count: Tensor) -> Tensor:
@@ -65,10 +94,10 @@ def _over_all_ranks(count: Tensor) -> Tensor:
 
 
 class Criterion(nn.Module):
-    """Matches predictions with labels and weighs the four terms.
+    """Matches predictions with labels and weighs the terms.
 
-    The sums are those of the paper, which gives no normalization: `loc`, `resp` and `classes` are divided by
-    the number of responsible predictors, `noresp` by that of the free ones, counted over all processes.
+    The sums are those of the paper, which gives no normalization: `noresp` is divided by the number of free
+    predictors, the others by that of the responsible ones, counted over all processes.
 
     Args:
         representation: Encodes the labels and measures distances.
@@ -77,6 +106,12 @@ class Criterion(nn.Module):
         resp: Weight of the responsible predictors' confidence.
         noresp: Weight of the free predictors' confidence.
         classes: Weight of the classification.
+        direction: Weight of the direction; the paper has no such term.
+        confidence: Name in `CONFIDENCES`.
+        spare: Free predictors nearer than this to a true segment, in cells, are not punished.
+
+    Raises:
+        ValueError: There is no such confidence.
     """
 
     def __init__(
@@ -88,39 +123,68 @@ class Criterion(nn.Module):
         resp: float = 1.0,
         noresp: float = 1.0,
         classes: float = 1.0,
+        direction: float = 0.0,
+        confidence: str = "squared",
+        spare: float = 0.0,
     ) -> None:
         super().__init__()
-        self.representation, self.directed = representation, directed
+        self.representation, self.directed, self.spare = representation, directed, spare
+        self.confidence = build_confidence(confidence)
         self.weights = (loc, resp, noresp, classes)
+        self.direction = direction
 
-    def forward(self, prediction: Prediction, targets: Targets) -> tuple[Losses, Matches]:
-        """Gives the loss of a batch and who was responsible for what."""
-        matches = self.match(prediction, targets)
+    def forward(self, prediction: Prediction, targets: Targets, several: int = 1) -> tuple[Losses, Matches]:
+        """Gives the loss of a batch and who was responsible for what, `several` for each segment."""
+        matches = self.match(prediction, targets, several)
         return self.losses(prediction, targets, matches), matches
 
-    def match(self, prediction: Prediction, targets: Targets) -> Matches:
-        """Gives who is responsible for what."""
-        return match(prediction.params.detach(), targets, self.representation, directed=self.directed)
+    def match(self, prediction: Prediction, targets: Targets, several: int = 1) -> Matches:
+        """Gives who is responsible for what, `several` for each segment."""
+        return match(
+            prediction.params.detach(),
+            targets,
+            self.representation,
+            directed=self.directed,
+            several=several,
+            gaps=self.confidence.near or self.spare > 0,
+        )
 
     def losses(self, prediction: Prediction, targets: Targets, matches: Matches) -> Losses:
         """Gives the loss of a batch whose responsible predictors are known."""
         at = (matches.cells, matches.predictors)
-        confidence = prediction.confidence.flatten(0, 1)
-        free = ~targets.ignored.flatten()[:, None].expand_as(confidence)
-        free = free.index_put(at, torch.zeros((), dtype=torch.bool, device=free.device))
+        params = prediction.params.flatten(0, 1)[at]
         # Filled, not copied: a copy to the GPU would wait for all that it still has to do.
-        count = _over_all_ranks(torch.full((), float(len(matches.cells)), device=free.device))
-        loc = (
-            localization_loss(prediction.params.flatten(0, 1)[at], matches.encoded, self.representation)
-            / count
-        )
-        resp = responsible_loss(confidence[at]) / count
-        noresp = free_loss(confidence, free) / _over_all_ranks(free.sum().float())
-        classes = confidence.new_zeros(())
+        count = _over_all_ranks(torch.full((), float(len(matches.cells)), device=params.device))
+        loc = localization_loss(params, matches.encoded, self.representation) / count
+        resp, noresp = self._confidences(prediction, targets, matches, count)
+        classes, direction = count.new_zeros(()), count.new_zeros(())
         if prediction.classes.shape[-1]:
             classes = (
                 class_loss(prediction.classes.flatten(0, 1)[at], targets.labels[matches.targets]) / count
             )
         terms = (loc, resp, noresp, classes)
-        total = torch.stack([w * term for w, term in zip(self.weights, terms, strict=True)]).sum()
-        return Losses(total, *terms)
+        weighted = [w * term for w, term in zip(self.weights, terms, strict=True)]
+        if self.direction:
+            decode = self.representation.decode
+            direction = direction_loss(decode(params), decode(matches.encoded)) / count
+            weighted.append(self.direction * direction)
+        return Losses(torch.stack(weighted).sum(), *terms, direction)
+
+    def _confidences(
+        self, prediction: Prediction, targets: Targets, matches: Matches, count: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Gives the terms of the responsible and of the free predictors, divided by their numbers."""
+        at = (matches.cells, matches.predictors)
+        confidence, gaps, kind = prediction.confidence.flatten(0, 1), matches.gaps_cells, self.confidence
+        free = ~targets.ignored.flatten()[:, None].expand_as(confidence)
+        free = free.index_put(at, torch.zeros((), dtype=torch.bool, device=free.device))
+        if gaps is not None and self.spare:
+            free = free & (gaps >= self.spare)
+        target: Tensor | float = 1.0
+        if kind.fitted:
+            decode = self.representation.decode
+            target = fit(gap_cells(decode(prediction.params.flatten(0, 1)[at]), decode(matches.encoded)))
+        resp = responsible_loss(confidence[at], target, kind.penalty) / count
+        away = fit(gaps) if gaps is not None and kind.near else 0.0
+        noresp = free_loss(confidence, free, away, kind.penalty)
+        return resp, noresp / (count if kind.per_responsible else _over_all_ranks(free.sum().float()))

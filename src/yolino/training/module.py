@@ -19,6 +19,7 @@ from yolino.model.network import Network
 from yolino.postprocess.nms import NMS
 from yolino.training.data import Batch, to_device
 from yolino.training.losses import Criterion, Losses
+from yolino.training.matching import several_at
 from yolino.types import Segments
 
 # Validation tries these scores and reports the best; the winner goes into the model file.
@@ -73,7 +74,10 @@ class TrainingModule(LightningModule):
         self.network = network.to(memory_format=torch.channels_last)
         self.frozen = frozen_parts(self.network, experiment.training.freeze)
         self.criterion = Criterion(
-            self.network.representation, directed=experiment.data.directed, **experiment.loss.model_dump()
+            self.network.representation,
+            directed=experiment.data.directed,
+            spare=experiment.matching.spare,
+            **experiment.loss.model_dump(),
         )
         self.nms = NMS(
             float(self.network.stride), **{"directed": experiment.data.directed, **experiment.postprocess.nms}
@@ -95,7 +99,13 @@ class TrainingModule(LightningModule):
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Gives the loss of a batch."""
         prediction = (self.compiled or self.network)(batch.images.float())
-        losses, matches = self.criterion(prediction, batch.targets)
+        several = several_at(
+            self.global_step,
+            steps=self.experiment.training.steps,
+            several=self.experiment.matching.several,
+            until=self.experiment.matching.until,
+        )
+        losses, matches = self.criterion(prediction, batch.targets, several)
         self._log_losses("train", losses, len(batch.images))
         surplus = torch.full((), float(matches.surplus), device=self.device)  # a copy would wait for the GPU
         self.log("train/surplus", surplus, batch_size=len(batch.images))
