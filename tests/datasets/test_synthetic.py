@@ -88,6 +88,27 @@ def test_it_is_registered_and_directed() -> None:
     assert len(Synthetic("road").classes) == 7
 
 
+def test_classes_are_chosen_merged_and_left_out() -> None:
+    """Colors are merged, and dots left out; the pictures stay the same."""
+    names = {"continuous yellow": "line", "continuous white": "line", "dashed": "dash"}
+    every = Synthetic("road", 12, size=(90, 160))
+    chosen = Synthetic("road", 12, size=(90, 160), classes=names)
+    assert chosen.classes == ("line", "dash")
+    assert chosen.key != every.key
+    seen = set()
+    for one, other in zip(every, chosen, strict=True):  # type: ignore[call-overload]
+        assert np.array_equal(one.image, other.image)
+        kept = [i for i, label in enumerate(one.polylines.labels) if every.classes[label] in names]
+        lines = one.polylines[np.array(kept, np.int64)]
+        assert np.array_equal(other.polylines.vertices, lines.vertices)
+        assert [chosen.classes[i] for i in other.polylines.labels] == [
+            names[every.classes[i]] for i in lines.labels
+        ]
+        seen |= set(other.polylines.labels.tolist())
+    assert seen == {0, 1}
+    assert Synthetic("road", classes=["dashed", "unknown"]).classes == ("dashed", "unknown")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -95,6 +116,8 @@ def test_it_is_registered_and_directed() -> None:
         ({"length": 0}, "length is 0"),
         ({"seed": -1}, "seed -1"),
         ({"size": (0, 64)}, r"size is \(0, 64\)"),
+        ({"classes": ["lane"]}, r"continuous yellow, .*, but there is none 'lane'"),
+        ({"classes": {}}, "but none of them is chosen"),
     ],
 )
 def test_bad_arguments_are_named(arguments: dict[str, object], message: str) -> None:

@@ -11,10 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from yolino.config import Augmentation
 from yolino.geometry import fit_matrix, transform_points
 from yolino.inference.preprocess import Preprocess
 from yolino.io import read_image
 from yolino.training.augment import PRESETS, Augment, Geometric
+from yolino.training.data import build_augment
 from yolino.training.frames import warp
 from yolino.types import Polylines, Sample
 
@@ -286,3 +288,31 @@ def test_half_decoded_frames_look_like_what_the_predictor_sees(tusimple_root: Pa
     result = Augment(SIZE)(sample(spread((720, 1280)), path), np.random.default_rng(0))
     plain, _ = Preprocess(SIZE)(read_image(path))
     assert np.abs(result.image.astype(int) - plain).mean() < 1.5
+
+
+def test_road_is_gentle_with_other_paint_and_seams() -> None:
+    off = {"repaint": 0, "seam": 0}
+    image = np.random.default_rng(0).integers(80, 120, (*SIZE, 3), np.uint8)
+    lines = Polylines.from_list([[(x, 310), (320 + (x - 320) / 8, 110)] for x in (20, 220, 420, 620)])
+    item = Sample("a", image, lines)
+    gentle, road, without = (
+        build_augment(Augmentation(preset=preset, options=options), SIZE, "bottom")
+        for preset, options in (("gentle", {}), ("road", {}), ("road", {"lines": off}))
+    )
+    changed = 0
+    for seed in range(8):
+        a, b, c = (one(item, np.random.default_rng(seed)) for one in (gentle, road, without))
+        assert np.array_equal(a.image, c.image)
+        assert np.array_equal(a.polylines.vertices, c.polylines.vertices)
+        changed += not np.array_equal(a.image, b.image)
+    assert changed >= 6
+
+
+def test_mosaic_is_an_option_of_an_experiment() -> None:
+    options: dict[str, Any] = {"mosaic": 0.25}
+    assert build_augment(Augmentation(options=options), SIZE, "bottom").mosaic == 0.25
+    assert build_augment(Augmentation(), SIZE, "bottom").mosaic == 0
+    with pytest.raises(ValueError, match="did you mean 'mosaic'"):
+        build_augment(Augmentation(options={"mosaik": 0.25}), SIZE, "bottom")
+    with pytest.raises(ValueError, match="did you mean 'seam'"):
+        build_augment(Augmentation(options={"lines": {"seams": 0.25}}), SIZE, "bottom")

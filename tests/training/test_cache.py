@@ -167,7 +167,7 @@ def test_training_says_what_it_writes_and_gives_the_same_batches(
     with caplog.at_level("INFO", logger="yolino"):
         cached, _ = build_loaders(experiment(), border=False)
         assert not written(tmp_path / "runs" / "decoded")
-    assert "decoded images take 0 MB" in caplog.text
+    assert "decoded images and drawn scenes take 0 MB" in caplog.text
     plain, _ = build_loaders(experiment("data.cache=false", "training.workers=0"), border=False)
     for a, b in zip(plain, cached, strict=True):
         assert np.array_equal(a.images.numpy(), b.images.numpy())

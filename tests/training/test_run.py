@@ -136,10 +136,10 @@ class TestRuns:
         for name, tensor in load_file(best).items():
             if "running" not in name and "num_batches" not in name:
                 torch.testing.assert_close(tensor, tuned[name], atol=1e-6, rtol=0, msg=name)
-        with pytest.raises(ValueError, match="other layers"):
+        with pytest.raises(ValueError, match="its backbone is another one"):
             train(
                 config,
-                [f"out={tmp_path / 'other'}", f"training.start_from={best}", "model.predictors=3"],
+                [f"out={tmp_path / 'other'}", f"training.start_from={best}", "model.backbone_args.stem=8"],
                 progress=False,
             )
 

@@ -13,6 +13,8 @@ from yolino.geometry import fit_matrix, transform_points
 from yolino.training.erase import erase_outer_line
 from yolino.training.frames import Frames, corners_of, reduction, warp_pixels
 from yolino.training.photometric import Photometric, check_probabilities
+from yolino.training.repaint import repaint_lines
+from yolino.training.seams import add_seams
 from yolino.types import Polylines, Sample
 
 Matrix = Float[np.ndarray, "3 3"]
@@ -75,6 +77,10 @@ PRESETS: dict[str, dict[str, Any]] = {
             "erasing_area": (0.005, 0.05),
         },
     },
+}
+PRESETS["road"] = {  # lane markings: what is beside the paint, and the paint itself, change too
+    **PRESETS["gentle"],
+    "lines": {"erase": 0.25, "repaint": 0.4, "seam": 0.3},
 }
 
 
@@ -153,14 +159,20 @@ class Geometric:
 class Lines:
     """Random changes of single polylines together with their pixels.
 
+    They are for lines that run up the image side by side, such as the boundaries of lanes.
+
     Attributes:
         erase: Probability that an outer polyline is removed, see `yolino.training.erase`.
+        repaint: Probability, for each polyline, of a new marking, see `yolino.training.repaint`.
+        seam: Probability, for each polyline, of a seam beside it, see `yolino.training.seams`.
     """
 
     erase: float = 0.0
+    repaint: float = 0.0
+    seam: float = 0.0
 
     def __post_init__(self) -> None:
-        check_probabilities(self, "erase")
+        check_probabilities(self, "erase", "repaint", "seam")
 
 
 GROUPS: dict[str, type[Any]] = {"geometric": Geometric, "photometric": Photometric, "lines": Lines}
@@ -180,6 +192,7 @@ class Augment:
         geometric: Mapping[str, Any] | None = None,
         photometric: Mapping[str, Any] | None = None,
         lines: Mapping[str, Any] | None = None,
+        mosaic: float | int = 0.0,
         fill: int = 114,
         frames: Frames | None = None,
     ) -> None:
@@ -191,6 +204,8 @@ class Augment:
             geometric: Arguments of `Geometric`.
             photometric: Arguments of `Photometric`.
             lines: Arguments of `Lines`.
+            mosaic: Probability that an example is joined of two images, see `yolino.training.mosaic`; whoever
+                draws the samples does it.
             fill: Gray value where the image does not reach.
             frames: Where pixels come from; by default files are decoded.
         """
@@ -198,13 +213,20 @@ class Augment:
         self.size = (int(size[0]), int(size[1]))
         self.fit = fit
         self.lines = Lines(**_arguments(lines))
-        self.fill = fill
+        self.mosaic, self.fill = float(mosaic), fill
+        check_probabilities(self, "mosaic")
         self.geometric = Geometric(**_arguments(geometric))
         self.photometric = Photometric(**_arguments(photometric))
         fit_matrix((1, 1), self.size, fit)  # says now, not in a worker, what is wrong
 
-    def __call__(self, sample: Sample, rng: np.random.Generator) -> Augmented:
-        """Gives the augmented image and labels; the same `rng` state gives the same result."""
+    def __call__(self, sample: Sample, rng: np.random.Generator, *, classes: Sequence[str] = ()) -> Augmented:
+        """Gives the augmented image and labels; the same `rng` state gives the same result.
+
+        Args:
+            sample: The sample.
+            rng: Source of randomness.
+            classes: Names of the classes that its labels stand for: a new marking needs another label.
+        """
         source = self.frames.open(sample.image)
         source_size = self.frames.size(source)
         matrix = self.geometric.sample(self.size, rng) @ fit_matrix(source_size, self.size, self.fit)
@@ -212,11 +234,31 @@ class Augment:
         pixels = self.frames.pixels(source, reduce, source_size)
         image = warp_pixels(pixels, reduce, matrix, self.size, fill=self.fill)
         polylines = sample.polylines.with_vertices(transform_points(sample.polylines.vertices, matrix))
-        if rng.random() < self.lines.erase:
-            corners = transform_points(corners_of(source_size), matrix)
-            image, polylines = erase_outer_line(image, polylines, rng, corners=corners)
+        corners = transform_points(corners_of(source_size), matrix)
+        image, polylines = self._change_lines(image, polylines, corners, classes, rng)
         ignore = tuple(transform_points(np.asarray(polygon, np.float64), matrix) for polygon in sample.ignore)
         return Augmented(self.photometric(image, rng), polylines, ignore)
+
+    def _change_lines(
+        self,
+        image: UInt8[np.ndarray, "h w 3"],
+        polylines: Polylines,
+        corners: Float[np.ndarray, "4 2"],
+        classes: Sequence[str],
+        rng: np.random.Generator,
+    ) -> tuple[UInt8[np.ndarray, "h w 3"], Polylines]:
+        """Gives image and labels after the changes of single lines; `corners` are those of the picture."""
+        lines = self.lines
+        if rng.random() < lines.erase:
+            image, polylines = erase_outer_line(image, polylines, rng, corners=corners)
+        # What is switched off draws nothing, so that it changes no example of older experiments.
+        if lines.repaint:
+            image, polylines = repaint_lines(
+                image, polylines, rng, share=lines.repaint, classes=classes, corners=corners
+            )
+        if lines.seam:
+            image = add_seams(image, polylines, rng, share=lines.seam, corners=corners)
+        return image, polylines
 
 
 def _arguments(values: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -60,7 +60,7 @@ class PixelCache:
         try:
             write_atomic(file, buffer.getvalue())
         except OSError as error:
-            raise OSError(f"{error} {_INSTEAD}") from None
+            raise OSError(f"{error} {INSTEAD}") from None
         return pixels
 
     def has(self, image: Path, scale: str) -> bool:
@@ -74,7 +74,7 @@ class PixelCache:
             tempfile.TemporaryFile(dir=self.folder).close()
         except OSError as error:
             raise OSError(
-                f"Decoded pixels cannot be kept in {self.folder}: {error.strerror or error}. {_INSTEAD}"
+                f"Decoded pixels cannot be kept in {self.folder}: {error.strerror or error}. {INSTEAD}"
             ) from None
 
     def check_space(self, total: int, missing: int) -> None:
@@ -88,11 +88,16 @@ class PixelCache:
             OSError: The disk is too full for the missing ones.
         """
         there, free = _size(total - missing), shutil.disk_usage(self.folder).free
-        logger.info("decoded images take %s in %s, %s of it already there", _size(total), self.folder, there)
+        logger.info(
+            "decoded images and drawn scenes take %s in %s, %s of it already there",
+            _size(total),
+            self.folder,
+            there,
+        )
         if missing > free - _RESERVE:
             raise OSError(
-                f"Decoded images would take {_size(missing)} more in {self.folder}, but {_size(free)} are "
-                f"free there, of which {_size(_RESERVE)} are left to others. {_INSTEAD}"
+                f"Decoded images and drawn scenes would take {_size(missing)} more in {self.folder}, but "
+                f"{_size(free)} are free there, of which {_size(_RESERVE)} are left to others. {INSTEAD}"
             )
 
     def _file(self, image: Path, scale: str) -> Path:
@@ -101,7 +106,8 @@ class PixelCache:
         return self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npy"
 
 
-_INSTEAD = "Give another folder with out=FOLDER, free some space, or train without data.cache."
+INSTEAD = "Give another folder with out=FOLDER, free some space, or train without data.cache."
+"""What to do where files cannot be written."""
 
 
 def state_of(image: Path) -> tuple[int, int]:
@@ -155,4 +161,4 @@ def _size(count: int) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
 
 
-__all__ = ["PixelCache", "expected", "in_files", "state_of"]
+__all__ = ["INSTEAD", "PixelCache", "expected", "in_files", "state_of"]

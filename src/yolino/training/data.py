@@ -25,8 +25,9 @@ from yolino.datasets.description import (
     open_split,
 )
 from yolino.grid import Grid
-from yolino.training.augment import GROUPS, PRESETS, Augment
+from yolino.training.augment import GROUPS, PRESETS, Augment, Augmented
 from yolino.training.frames import Frames
+from yolino.training.mosaic import join_images
 from yolino.training.targets import CellTargets, Targets, cell_targets, collate
 from yolino.training.windows import Windows
 from yolino.types import Polylines, Sample
@@ -125,7 +126,7 @@ def build_augment(
             f"augmentation preset {augmentation.preset!r} is unknown; use one of {', '.join(PRESETS)}."
         )
     groups: dict[str, Any] = {name: dict(values) for name, values in PRESETS[augmentation.preset].items()}
-    check_keys("augment.options", augmentation.options, [*GROUPS, "fill"])
+    check_keys("augment.options", augmentation.options, [*GROUPS, "mosaic", "fill"])
     for name, changes in augmentation.options.items():
         if name in GROUPS:
             if not isinstance(changes, dict):
@@ -176,12 +177,20 @@ class Examples(Dataset[Example]):
 
     def __getitem__(self, index: int) -> Example:
         rng = np.random.default_rng([self.seed, index])
-        which, sample = self._pick(index, rng)
-        image, polylines, ignore = self.augment(sample, rng)
+        one = self._augmented(*self._pick(index, rng), rng)
+        # Without mosaics nothing is drawn, so that older experiments keep their examples.
+        if self.augment.mosaic and rng.random() < self.augment.mosaic:
+            other = self._augmented(*self._draw(rng), rng)
+            one = join_images(*((one, other) if rng.random() < 0.5 else (other, one)), rng)
+        targets = cell_targets(one.polylines, self.grid, border=self.border, ignore=one.ignore)
+        return Example(one.image, targets, one.polylines, one.ignore)
+
+    def _augmented(self, which: int, sample: Sample, rng: np.random.Generator) -> Augmented:
+        """Gives the augmented image of a sample of a dataset, with the labels that are learned."""
+        image, polylines, ignore = self.augment(sample, rng, classes=self.datasets[which].classes)
         labels = self.label_maps[which][polylines.labels]
         polylines = Polylines(polylines.vertices, polylines.offsets, polylines.scores, labels)[labels >= 0]
-        targets = cell_targets(polylines, self.grid, border=self.border, ignore=ignore)
-        return Example(image, targets, polylines, ignore)
+        return Augmented(image, polylines, ignore)
 
     def _pick(self, index: int, rng: np.random.Generator) -> tuple[int, Sample]:
         """Gives the number of a dataset and one of its samples."""
@@ -191,7 +200,11 @@ class Examples(Dataset[Example]):
                     return which, dataset[index]
                 index -= len(dataset)
             raise IndexError(index)
-        which = int(rng.choice(len(self.shares), p=self.shares))
+        return self._draw(rng)
+
+    def _draw(self, rng: np.random.Generator) -> tuple[int, Sample]:
+        """Gives the number of a dataset, by its share, and any of its samples."""
+        which = int(rng.choice(len(self.datasets), p=self.shares))
         dataset = self.datasets[which]
         if isinstance(dataset, Windows):
             return which, dataset.draw(rng)

@@ -2,47 +2,26 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from yolino.training.bands import (
+    LEAST_ROWS,
+    MARGIN,
+    Band,
+    bare_rows,
+    columns_of,
+    continued,
+    extent_of,
+    pixels_of,
+)
 from yolino.types import Polylines
 
 _HALF_WIDTH = 0.1  # of the distance to the neighbour: paint with the error of its label
 _LEAST_HALF_WIDTH = 2.5  # pixels
 _REACH = 1.25  # half widths: from 1 to here the new pixels fade into the old ones
 _STEP = 2.5  # half widths: how far away the new pixels are taken
-_LEAST_ROWS = 12
-_MARGIN = 20  # pixels left and right of the image in which the line still counts
-_SURFACE = 40.0  # gray values: further apart are two surfaces, or a car on one of them
 _EDGE = 20.0  # gray values between both sides from which their border stays sharp
-
-
-class _Band(NamedTuple):
-    """In each row, the columns around `center` that are replaced; `half` is half their number.
-
-    Only columns from `first` up to `stop` hold a picture.
-    """
-
-    rows: Int[np.ndarray, " r"]
-    center: Float[np.ndarray, " r"]
-    half: Float[np.ndarray, " r"]
-    first: Int[np.ndarray, " r"]
-    stop: Int[np.ndarray, " r"]
-
-
-class _Pixels(NamedTuple):
-    """The pixels of a band, row by row.
-
-    `owners` are rows of the band, `rows` and `columns` those of the image; `at` is the place from -1 (left
-    end of the band) to 1 (right end).
-    """
-
-    owners: Int[np.ndarray, " p"]
-    rows: Int[np.ndarray, " p"]
-    columns: Int[np.ndarray, " p"]
-    at: Float[np.ndarray, " p"]
 
 
 def erase_outer_line(
@@ -71,8 +50,8 @@ def erase_outer_line(
     height, width = image.shape[:2]
     if corners is None:
         corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
-    extent = _extent(corners, height, width)
-    columns = np.stack([_columns(line, height) for line in polylines])
+    extent = extent_of(corners, height, width)
+    columns = np.stack([columns_of(line, height) for line in polylines])
     for side in (-1.0, 1.0) if rng.random() < 0.5 else (1.0, -1.0):
         index = _outermost(columns, side)
         if index is None:
@@ -83,29 +62,6 @@ def erase_outer_line(
             keep: Bool[np.ndarray, " n"] = np.arange(len(polylines)) != index
             return filled, polylines[keep]
     return image, polylines
-
-
-def _columns(line: Float[np.ndarray, "v 2"], height: int) -> Float[np.ndarray, " h"]:
-    """Gives the x of the line at the center of each image row, NaN above and below it."""
-    if len(line) == 0:
-        return np.full(height, np.nan)
-    upward = line[np.argsort(line[:, 1], kind="stable")]
-    rows = np.arange(height) + 0.5
-    return np.asarray(np.interp(rows, upward[:, 1], upward[:, 0], left=np.nan, right=np.nan))
-
-
-def _extent(corners: Float[np.ndarray, "k 2"], height: int, width: int) -> Int[np.ndarray, "2 h"]:
-    """Gives for each row the first column inside a convex polygon, and the one behind the last."""
-    y = np.arange(height)[:, None] + 0.5
-    start, delta = corners, np.roll(corners, -1, axis=0) - corners
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = (y - start[:, 1]) / delta[:, 1]
-        x = start[:, 0] + at * delta[:, 0]
-    crosses = (at >= 0) & (at <= 1)
-    first = np.where(crosses, x, np.inf).min(axis=1).clip(0, width)
-    stop = np.where(crosses, x, -np.inf).max(axis=1).clip(0, width)
-    first, stop = np.ceil(first).astype(np.int64), np.floor(stop).astype(np.int64)
-    return np.stack([first, np.maximum(first, stop)])
 
 
 def _outermost(columns: Float[np.ndarray, "n h"], side: float) -> int | None:
@@ -120,7 +76,7 @@ def _outermost(columns: Float[np.ndarray, "n h"], side: float) -> int | None:
 
 def _band(
     columns: Float[np.ndarray, "n h"], index: int, side: float, extent: Int[np.ndarray, "2 h"]
-) -> _Band | None:
+) -> Band | None:
     """Gives the band around a line, or None if the line is too short.
 
     It is as wide as the distance to the neighbour asks for: this and the width of the paint grow linearly
@@ -131,36 +87,22 @@ def _band(
     gap = np.nan_to_num(side * (own - np.delete(columns, index, axis=0)), nan=np.inf).min(axis=0)
     known = np.flatnonzero(np.isfinite(gap))
     labelled = np.flatnonzero(~np.isnan(own))
-    if min(len(known), len(labelled)) < _LEAST_ROWS:
+    if min(len(known), len(labelled)) < LEAST_ROWS:
         return None
-    rows = np.arange(labelled[0], len(own))
-    last = labelled[-1]
-    slope = (own[last] - own[last - 8]) / 8
-    center = np.where(rows <= last, own[rows], own[last] + slope * (rows - last))
+    rows, center = continued(own)
     growth, offset = np.polyfit(known, gap[known], 1)
     half = np.maximum(_HALF_WIDTH * (growth * rows + offset), _LEAST_HALF_WIDTH)
     first, stop = extent[:, rows]
-    near = (center > first - _MARGIN - _REACH * half) & (center < stop + _MARGIN + _REACH * half)
+    near = (center > first - MARGIN - _REACH * half) & (center < stop + MARGIN + _REACH * half)
     rows, center, half, first, stop = (values[near] for values in (rows, center, half, first, stop))
-    return _Band(rows, center, half, first, stop) if len(rows) >= _LEAST_ROWS else None
-
-
-def _pixels(band: _Band) -> _Pixels:
-    """Gives the pixels within reach of the band's center line that lie in the picture."""
-    first = np.ceil(band.center - _REACH * band.half - 0.5).astype(np.int64).clip(band.first, band.stop)
-    stop = np.floor(band.center + _REACH * band.half + 0.5).astype(np.int64).clip(first, band.stop)
-    counts = stop - first
-    owners = np.repeat(np.arange(len(counts)), counts)
-    columns = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts - first, counts)
-    at = (columns + 0.5 - band.center[owners]) / band.half[owners]
-    return _Pixels(owners, band.rows[owners], columns, at)
+    return Band(rows, center, half, first, stop) if len(rows) >= LEAST_ROWS else None
 
 
 def _fill(
-    image: UInt8[np.ndarray, "h w 3"], band: _Band, rng: np.random.Generator
+    image: UInt8[np.ndarray, "h w 3"], band: Band, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"] | None:
     """Gives the image with the band filled from both sides, or None if too much of the line is covered."""
-    pixels = _pixels(band)
+    pixels = pixels_of(band, _REACH)
     first, stop = band.first[pixels.owners], band.stop[pixels.owners]
     step = np.rint(_STEP * band.half).astype(np.int64)[pixels.owners]
     left, right = pixels.columns - step, pixels.columns + step
@@ -174,8 +116,8 @@ def _fill(
     count = np.bincount(pixels.owners, minlength=len(band.rows))
     seen = count > 0
     means = [_row_means(values, pixels.owners, count) for values in (from_left, from_right)]
-    bare, contrast = _bare_rows(means[0][seen], means[1][seen])
-    if seen.sum() < _LEAST_ROWS or bare.mean() < 0.65:
+    bare, contrast = bare_rows(means[0][seen], means[1][seen])
+    if seen.sum() < LEAST_ROWS or bare.mean() < 0.65:
         return None
     sharpness, border = (4.0, rng.uniform(-0.8, 0.8)) if contrast > _EDGE else (0.5, 0.0)
     share = np.clip(sharpness * (pixels.at - border) + 0.5, 0, 1)[:, None]
@@ -196,16 +138,4 @@ def _row_means(
     return np.asarray(np.stack(sums, axis=1) / np.maximum(count, 1)[:, None])
 
 
-def _bare_rows(
-    left: Float[np.ndarray, "r 3"], right: Float[np.ndarray, "r 3"]
-) -> tuple[Bool[np.ndarray, " r"], float]:
-    """Gives the rows in which the ground shows on both sides, and the contrast between the sides there.
-
-    The ground is the same color left and right (also in a shadow), or each side has its usual color.
-    """
-    if len(left) == 0:
-        return np.zeros(0, np.bool_), 0.0
-    across = np.abs(left - right).max(axis=1)
-    unusual = [np.abs(side - np.median(side, axis=0)).max(axis=1) for side in (left, right)]
-    bare = (across < _SURFACE) | (np.maximum(*unusual) < _SURFACE)
-    return bare, float(np.median(across[bare])) if bare.any() else 0.0
+__all__ = ["erase_outer_line"]

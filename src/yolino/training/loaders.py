@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from time import perf_counter
 from typing import Any
@@ -11,7 +12,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from yolino.config import Experiment, Source
-from yolino.datasets import Dataset
+from yolino.datasets import Dataset, Synthetic
 from yolino.grid import Grid
 from yolino.training.augment import Augment
 from yolino.training.cache import PixelCache, expected
@@ -24,9 +25,10 @@ from yolino.training.data import (
     collate_examples,
 )
 from yolino.training.frames import CachedFrames, Frames
+from yolino.training.scenes import KeptScenes
 from yolino.training.windows import Windows
 
-CACHE = "decoded"  # folder of the decoded images, which all experiments share
+CACHE = "decoded"  # folder of the decoded images and drawn scenes, which all experiments share
 
 
 class Batches(DataLoader[Any]):
@@ -88,6 +90,9 @@ def build_examples(
         build_dataset(source, data.root, data.classes, split=split, skip_broken=skip_broken)
         for source in sources
     ]
+    if data.cache or data.fit == "window":
+        folder = experiment.out / CACHE
+        datasets = [KeptScenes(one, folder) if isinstance(one, Synthetic) else one for one in datasets]
     if data.fit == "window":
         cache = PixelCache(experiment.out / CACHE)
         datasets = [Windows(dataset, data.size, scale=data.scale, cache=cache) for dataset in datasets]
@@ -129,7 +134,9 @@ def build_loaders(
     how: dict[str, Any] = {"border": border, "skip_broken": skip_broken}
     train = build_examples(experiment, data.train, augment, mixed=True, **how)
     val = build_examples(experiment, data.val, plain, mixed=False, **how)
-    _prepare_cache(PixelCache(experiment.out / CACHE), frames, [*train.datasets, *val.datasets])
+    _prepare_cache(
+        PixelCache(experiment.out / CACHE), frames, [*_draws(experiment, train), *_draws(None, val)]
+    )
     sampler = EndlessSampler(training.validate_every * training.batch_size, examples_done)
     options = loader_options(training.workers, cuda=trains_on_cuda(experiment))
     return (
@@ -145,18 +152,35 @@ def _frames(experiment: Experiment) -> Frames:
     return CachedFrames(PixelCache(experiment.out / CACHE), data.size, data.fit)
 
 
-def _prepare_cache(cache: PixelCache, frames: Frames, datasets: Sequence[Dataset]) -> None:
-    """Says what the decoded images will take, before any is written; nothing where none will be.
+def _draws(experiment: Experiment | None, examples: Examples) -> list[tuple[Dataset, int]]:
+    """Gives each dataset with how many samples one process draws from it; all of them without experiment."""
+    if experiment is None or examples.shares is None:
+        return [(dataset, len(dataset)) for dataset in examples.datasets]
+    images = experiment.training.steps * experiment.training.batch_size * (1 + examples.augment.mosaic)
+    counts = [math.ceil(images * share) for share in examples.shares]
+    return list(zip(examples.datasets, counts, strict=True))
+
+
+def _prepare_cache(cache: PixelCache, frames: Frames, datasets: Sequence[tuple[Dataset, int]]) -> None:
+    """Says what decoded images and drawn scenes will take, before any is written; nothing where none will be.
+
+    Args:
+        cache: Where they are kept.
+        frames: Where the images of datasets without windows come from.
+        datasets: The datasets, and how many samples are drawn from each.
 
     Raises:
         OSError: They cannot be written, or do not fit on the disk.
     """
     total = missing = 0
-    for dataset in datasets:
-        if isinstance(dataset, Windows):
-            found = expected(dataset.dataset, dataset.pixels.bytes_of)
+    for dataset, draws in datasets:
+        whole = dataset.dataset if isinstance(dataset, Windows) else dataset
+        if isinstance(whole, KeptScenes):
+            found = whole.expected(len(whole) if isinstance(dataset, Windows) else draws)
+        elif isinstance(dataset, Windows):
+            found = expected(whole, dataset.pixels.bytes_of)
         elif isinstance(frames, CachedFrames):
-            found = expected(dataset, frames.bytes_of)
+            found = expected(whole, frames.bytes_of)
         else:
             continue
         total, missing = total + found[0], missing + found[1]
