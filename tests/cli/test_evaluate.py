@@ -31,7 +31,7 @@ def test_json_is_one_object_and_nothing_else(run: Run, model: Path, dataset: Pat
     assert (code, err) == (0, "")
     assert out.count("\n") == 1
     scores = json.loads(out)
-    assert {"accuracy", "fp", "fn", "precision", "recall", "f1", "images", "fps"} <= set(scores)
+    assert {"accuracy", "fp", "fn", "fn_strict", "precision", "recall", "f1", "images", "fps"} <= set(scores)
     assert scores["images"] == 2
     assert scores["accuracy"] > 0.95
 
@@ -45,6 +45,34 @@ def test_labels_choose_files_and_save_writes_the_submission(run: Run, model: Pat
     records = Path("scores/predictions.json").read_text().splitlines()
     assert [json.loads(record)["raw_file"] for record in records] == ["clips/a/20.png"]
     assert Path("scores/worst.png").is_file()
+
+
+def test_classes_are_printed_and_in_the_report(
+    run: Run, class_model: Path, dataset: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Both lines of frame b are dashed, and so says the model; it knows no other types of the benchmark."""
+    arguments = ["--model", class_model, "--root", dataset, "--labels", "label_data_b.json"]
+    names = ["--option", "classes=[dashed]"]
+    code, out, err = run("evaluate", *arguments, *names, "--save", "scores")
+    assert (code, err) == (0, "")
+    for text in (
+        "fn strict",
+        "class accuracy lines",
+        "Classes",
+        "Lines that were found",
+        "Points that were",
+    ):
+        assert text in out
+    assert Path("scores/confusion.svg").is_file()
+    code, out, err = run("evaluate", *arguments, *names, "--json")
+    scores = json.loads(out)
+    assert scores["classes"] == ["solid", "dashed"]
+    assert scores["line_confusion"] == [[0, 0], [0, 2]]
+    assert scores["confusion"][1][1] > 100
+    code, out, err = run("evaluate", *arguments, "--json")
+    assert code == 0
+    assert "class_accuracy" not in json.loads(out)
+    assert "classes are not compared" in caplog.text
 
 
 def test_synthetic_data_needs_no_root(run: Run, model: Path) -> None:

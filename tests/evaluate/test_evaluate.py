@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from yolino.datasets import TuSimple
-from yolino.evaluate import evaluate, point_radius, score_rows, write_report
+from yolino.evaluate import (
+    Evaluation,
+    class_rows,
+    confusion_tables,
+    evaluate,
+    point_radius,
+    score_rows,
+    write_report,
+)
 from yolino.header import Header
 from yolino.inference import Predictor, load
 from yolino.io import read_image
@@ -81,7 +89,7 @@ def test_the_submission_file_has_the_same_scores(
     fast = tmp_path / "fast.json"  # this machine may be slower than the benchmark allows
     fast.write_text("".join(json.dumps(record | {"run_time": 1}) + "\n" for record in records))
     official = score_files(fast, tmp_path / "label_data_test.json")
-    for name in ("accuracy", "fp", "fn"):
+    for name in ("accuracy", "fp", "fn", "fn_strict"):
         assert scores[name] == pytest.approx(official[name])
 
 
@@ -161,8 +169,74 @@ def test_classes_are_compared_by_name(class_model: Path) -> None:
     assert scores["recall_dashed"] > 0.95
     assert scores["precision_dashed"] == pytest.approx(0.5, abs=0.05)
     assert scores["f1_solid"] == 0.0
-    other = InMemory(Sample("a", WHITE, lines(40.0)), classes=("lane",))
-    assert "class_accuracy" not in evaluate(load(class_model), other).scores
+    assert scores["class_accuracy_lines"] == 0.5
+    assert scores["class_recall_lines_dashed"] == 1.0
+    assert scores["class_recall_lines_solid"] == 0.0
+    other = evaluate(load(class_model), InMemory(Sample("a", WHITE, lines(40.0)), classes=("lane",)))
+    assert "class_accuracy" not in other.scores
+    assert (other.classes, other.confusion, other.line_confusion) == ((), (), ())
+    assert class_rows(other) == confusion_tables(other) == []
+
+
+def test_classes_that_the_model_lacks_are_not_compared_and_told(
+    class_model: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    sample = Sample("a", WHITE, lines(40.0, 88.0, labels=[0, 1]))
+    scores = evaluate(load(class_model), InMemory(sample, classes=("dashed", "dots"))).scores
+    assert "class_accuracy" not in scores
+    assert "the model knows solid, dashed, the labels dashed, dots" in caplog.text
+
+
+def test_the_types_of_tusimple_are_compared_with_the_kinds_that_a_model_knows(
+    make_model: Callable[..., Path],
+    header: Header,
+    write_dataset: Callable[..., TuSimple],
+    tmp_path: Path,
+) -> None:
+    """The model takes all lines for dots (its last class); labelled are a double dashed one and dots."""
+    names = ("dashed", "unknown", "continuous", "Botts' dots")
+    outputs = ("endpoints", "scores", "probabilities")
+    model = make_model(tmp_path / "types.onnx", header=replace(header, classes=names), outputs=outputs)
+    found = evaluate(load(model), write_dataset(SEEN, SEEN, classes="4 5"), save=tmp_path / "scores")
+    assert found.classes == names
+    np.testing.assert_array_equal(found.line_confusion, [[0, 0, 0, 2], [0] * 4, [0] * 4, [0, 0, 0, 2]])
+    assert found.scores["class_accuracy_lines"] == 0.5
+    assert set(found.intervals) >= {"class_accuracy_lines", "class_recall_lines_dashed"}
+    dashed, unknown, _, dots = class_rows(found)
+    assert dashed[:4] == ("dashed", "2", "0.000", "0.000 .. 0.000")
+    assert unknown[1:4] == ("0", "", "")  # none was there
+    assert dots[:3] == ("Botts' dots", "2", "1.000")
+    shown = {name for name, *_ in score_rows(found)}
+    assert "class accuracy lines" in shown
+    assert not any("dashed" in name for name in shown)
+    title, columns, rows = confusion_tables(found)[0]
+    assert title == "Lines that were found"
+    assert columns == ("labelled \\ predicted", *names)
+    assert rows[0] == ("dashed", "0", "0", "0", "2")
+
+
+def test_the_report_draws_what_was_taken_for_what(tmp_path: Path) -> None:
+    scores = {"class_accuracy": 0.9, "class_recall_lines_a": 0.75, "f1_a": 0.5, "images": 3}
+    intervals = {"class_recall_lines_a": (0.5, 1.0)}
+    matrices = [[30, 10], [0, 0]], [[3, 1], [0, 0]]
+    found = Evaluation(scores, intervals, (), ("a", "b <c>"), *matrices)
+    write_report(tmp_path, found, title="model")
+    text, page = (tmp_path / "report.md").read_text(), (tmp_path / "report.html").read_text()
+    assert "| a | 4 | 0.750 | 0.500 .. 1.000 |  |  | 0.500 |" in text
+    assert "![](confusion.svg)" in text
+    assert "<td>b &lt;c&gt;</td>" in page
+    assert 'src="confusion.svg"' in page
+    assert (tmp_path / "confusion.svg").is_file()
+
+
+def test_the_fifth_lane_is_forgiven_by_the_benchmark_alone(
+    predictor: Predictor, write_dataset: Callable[..., TuSimple]
+) -> None:
+    """Two of five lanes are found: the benchmark forgives one of the three that are not."""
+    found = evaluate(predictor, write_dataset([20.0, 399.5, 640.0, 879.5, 1260.0]))
+    assert found.scores["fn"] == 2 / 4
+    assert found.scores["fn_strict"] == 3 / 5
+    assert found.intervals["fn_strict"] == (3 / 5, 3 / 5)
 
 
 def test_direction_counts_unless_one_side_knows_none(predictor: Predictor) -> None:

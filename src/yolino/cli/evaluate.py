@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -25,6 +25,7 @@ from yolino.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from yolino.evaluate import Evaluation
     from yolino.inference import Predictor
 
 EPILOG = """
@@ -94,9 +95,9 @@ def evaluate(
 
     from yolino.cli.labels import Selection, open_or_tell
     from yolino.cli.metrics import build_metric
-    from yolino.cli.screen import print_table, track
+    from yolino.cli.screen import track
     from yolino.evaluate import evaluate as run
-    from yolino.evaluate import point_radius, score_rows, write_report
+    from yolino.evaluate import label_map, point_radius, write_report
     from yolino.inference import EngineChoice, Predictor
 
     if groups not in ("image", "folder"):
@@ -109,7 +110,7 @@ def evaluate(
     names = predictor.header.classes
     offered = {
         "directed": predictor.header.directed and samples.directed and not undirected,
-        "classes": names if names and set(samples.classes) <= set(names) else None,
+        "classes": names if label_map(samples.classes, names) is not None else None,
         "radius": point_radius(predictor.header),
     }
     wanted = {"radius": radius}
@@ -130,12 +131,34 @@ def evaluate(
     if save is not None:
         write_report(save, found, title=title, facts=_facts(str(model), predictor, groups))
     if as_json:
-        intervals = {name: list(interval) for name, interval in found.intervals.items()}
-        typer.echo(json.dumps({**found.scores, "intervals": intervals}))
+        typer.echo(json.dumps(_as_object(found)))
         return
-    print_table(("score", "value", "95 % interval"), score_rows(found), title=title)
+    _print(found, title)
     if save is not None:
         typer.echo(f"Details are in {save / 'report.html'}.")
+
+
+def _as_object(found: Evaluation) -> dict[str, Any]:
+    """Gives what is printed as JSON."""
+    intervals = {name: list(interval) for name, interval in found.intervals.items()}
+    confusion = {
+        "classes": found.classes,
+        "confusion": found.confusion,
+        "line_confusion": found.line_confusion,
+    }
+    return {**found.scores, "intervals": intervals, **(confusion if found.classes else {})}
+
+
+def _print(found: Evaluation, title: str) -> None:
+    """Prints the scores, and where classes were compared those of each class and what was taken for what."""
+    from yolino.cli.screen import print_table
+    from yolino.evaluate import CLASS_COLUMNS, SCORE_COLUMNS, class_rows, confusion_tables, score_rows
+
+    print_table(SCORE_COLUMNS, score_rows(found), title=title)
+    if found.classes:
+        print_table(CLASS_COLUMNS, class_rows(found), title="Classes")
+    for name, columns, rows in confusion_tables(found):
+        print_table(columns, rows, title=name)
 
 
 def _facts(model: str, predictor: Predictor, groups: str) -> list[str]:

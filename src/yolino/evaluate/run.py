@@ -13,6 +13,7 @@ import numpy as np
 
 from yolino.datasets import Dataset, TuSimple
 from yolino.datasets.tusimple import Record, polylines_to_record, write_records
+from yolino.evaluate.kinds import label_map
 from yolino.evaluate.worst import BadImage, Image, WorstImages, pixels_of
 from yolino.header import Header
 from yolino.inference import Predictor, Stages
@@ -31,6 +32,7 @@ _log = logging.getLogger(__name__)
 
 SUBMISSION = "predictions.json"
 RADIUS_CELLS = 0.8
+_OFFICIAL = ("accuracy", "fp", "fn", "fn_strict")  # the last is ours
 Progress = Callable[[Sequence[int]], Iterable[int]]
 Interval = tuple[float, float]
 
@@ -43,11 +45,17 @@ class Evaluation:
         scores: The scores by name, `images`, and the speed: `fps` and `ms` (median).
         intervals: 95 % confidence intervals of the scores, `(low, high)`.
         worst: The worst images, the worst first, if pictures were asked for.
+        classes: Names of the classes, if they were compared.
+        confusion: Found samples of each true class (row) and predicted class (column), see `ClassMetric`.
+        line_confusion: Found lines, likewise.
     """
 
     scores: dict[str, float | int]
     intervals: dict[str, Interval]
     worst: Sequence[BadImage] = ()
+    classes: tuple[str, ...] = ()
+    confusion: Sequence[Sequence[int]] = ()
+    line_confusion: Sequence[Sequence[int]] = ()
 
 
 def evaluate(
@@ -65,10 +73,11 @@ def evaluate(
     Without `metrics` these are the paper's and the TuSimple benchmark's. Precision, recall and F1 are the
     paper's point metric over the polylines, which are the result; those that begin with `segment_` are the
     same over the segments that the NMS leaves, as the paper reports them. Accuracy, FP and FN are those of
-    the TuSimple benchmark; for other datasets they are alike, at rows of their images, and left out if there
-    are ignored regions or the model goes over the image in windows. If model and dataset have the same
-    classes, there are also `class_accuracy` and the point metric of each class (`f1_way`). `radius` is that
-    of the point metric, see `point_radius`.
+    the TuSimple benchmark, `fn_strict` is the FN without its rule that forgives the worst lane where more
+    than four are labelled; for other datasets they are alike, at rows of their images, and left out if there
+    are ignored regions or the model goes over the image in windows. If the model knows the dataset's classes
+    (`label_map`), there are also the scores of `ClassMetric` (`class_accuracy`), and the point metric of each
+    class (`f1_way`). `radius` is that of the point metric, see `point_radius`.
 
     An image that takes more than 200 ms is wrong by the TuSimple benchmark's rules; here that is a warning,
     as it says more about the machine than about the model.
@@ -109,7 +118,7 @@ def evaluate(
             write_records(save / SUBMISSION, scores.records)
         written = pictures.write(save)
     found, intervals = scores.compute(None if groups is None else [groups(name) for name in names])
-    return Evaluation(found, intervals, written)
+    return Evaluation(found, intervals, written, *scores.confusions())
 
 
 def point_radius(header: Header) -> float | None:
@@ -131,7 +140,13 @@ class _Scores:
         self.tusimple = TuSimpleMetric()
         self.records: list[Record] = []
         self.milliseconds: list[float] = []
-        self.labels = _label_map(dataset.classes, predictor.header.classes)
+        self.labels = label_map(dataset.classes, predictor.header.classes)
+        if self.labels is None and min(len(dataset.classes), len(predictor.header.classes)) > 1:
+            _log.warning(
+                "classes are not compared: the model knows %s, the labels %s",
+                ", ".join(predictor.header.classes),
+                ", ".join(dataset.classes),
+            )
         self.ignored = False
         self.chosen = metrics
         self.segments: Metric | None = None
@@ -179,7 +194,7 @@ class _Scores:
         found: list[tuple[str, Metric, tuple[str, ...] | None]] = []
         several = self.chosen is not None and len(self.chosen) > 1
         if self.official and not self.ignored:
-            found.append(("tusimple_" * several, self.tusimple, ("accuracy", "fp", "fn")))
+            found.append(("tusimple_" * several, self.tusimple, _OFFICIAL))
         found += [(f"{name}_" * several, metric, None) for name, metric in self.lines.items()]
         if self.segments is not None:
             found.insert(len(found) - ("classes" in self.lines), ("segment_", self.segments, None))
@@ -201,6 +216,13 @@ class _Scores:
         scores |= {"images": len(self.milliseconds), "fps": 1e3 / typical, "ms": typical}
         return scores, intervals
 
+    def confusions(self) -> tuple[tuple[str, ...], Sequence[Sequence[int]], Sequence[Sequence[int]]]:
+        """Gives the classes with their confusion matrices of samples and of lines, if they were compared."""
+        for metric in self.lines.values():
+            if isinstance(metric, ClassMetric) and metric.classes:
+                return metric.classes, metric.confusion.tolist(), metric.line_confusion.tolist()
+        return (), (), ()
+
     def _warn_if_late(self) -> None:
         late = sum(taken > TIME_LIMIT_MS for taken in self.milliseconds)
         if late and self.records:
@@ -211,13 +233,6 @@ class _Scores:
                 len(self.milliseconds),
                 TIME_LIMIT_MS,
             )
-
-
-def _label_map(labelled: tuple[str, ...], predicted: tuple[str, ...]) -> np.ndarray | None:
-    """Gives the model's label for each label of the dataset; None if the model lacks one of them."""
-    if not predicted or any(name not in predicted for name in labelled):
-        return None
-    return np.array([predicted.index(name) for name in labelled], np.int64)
 
 
 __all__ = ["RADIUS_CELLS", "SUBMISSION", "Evaluation", "evaluate", "point_radius"]

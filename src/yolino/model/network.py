@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from yolino.model.backbones import build_backbone
-from yolino.model.neck import Neck
+from yolino.model.neck import build_neck
 from yolino.model.representations import REPRESENTATIONS, Representation
 
 # Mean and standard deviation of ImageNet's RGB pixels in 0..255, for backbones that do not state their own.
@@ -47,8 +47,9 @@ class Network(nn.Module):
         backbone: Name in `BACKBONES`, or `timm:<name>`.
         backbone_args: Arguments of the backbone.
         pretrained: Start a timm backbone from its published weights.
-        upsample: Number of upsampling blocks: cells of 32, 16 or 8 px for 0, 1, 2.
-        neck_width: Channels of the first upsampling block.
+        upsample: How often the neck doubles the resolution: cells of 32, 16 or 8 px for 0, 1, 2.
+        neck: Name in `NECKS`.
+        neck_width: Channels of the neck: of its first upsampling block, or of every level of the pyramid.
         predictors: P, segments per cell.
         representation: Name in `REPRESENTATIONS`.
         num_classes: C; 0 for a network that predicts no classes.
@@ -61,6 +62,7 @@ class Network(nn.Module):
         backbone_args: Mapping[str, Any] | None = None,
         pretrained: bool = False,
         upsample: int = 1,
+        neck: str = "upsampling",
         neck_width: int = 448,
         predictors: int = 8,
         representation: str = "po",
@@ -79,7 +81,7 @@ class Network(nn.Module):
         self.predictors, self.num_classes, self.stride = predictors, num_classes, 32 >> upsample
         self.backbone = build_backbone(backbone, pretrained=pretrained, **(backbone_args or {}))
         channels: list[int] = self.backbone.feature_info.channels()  # type: ignore[union-attr,operator]
-        self.neck = Neck(channels, upsample=upsample, width=neck_width)
+        self.neck = build_neck(neck, channels, upsample=upsample, width=neck_width)
         self.head = nn.Conv2d(self.neck.out_channels, predictors * self.outputs_per_predictor, 1)
         self._init_head()
         self.pixel_mean: Tensor

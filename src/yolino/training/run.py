@@ -21,7 +21,6 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from yolino.config import Experiment, load_experiment
 from yolino.io import write_atomic
-from yolino.model.checkpoint import load_checkpoint
 from yolino.training.callbacks import (
     BEST,
     LAST,
@@ -35,6 +34,7 @@ from yolino.training.checks import check_experiment
 from yolino.training.data import Examples, describe
 from yolino.training.loaders import build_loaders
 from yolino.training.module import TrainingModule
+from yolino.training.start import start_from
 from yolino.training.waiting import Waiting, advice, from_worker
 
 logger = logging.getLogger(__name__)
@@ -103,7 +103,7 @@ def train(
         torch.set_num_threads(experiment.training.threads)
     module = TrainingModule(experiment)
     if experiment.training.start_from is not None:
-        _start_from(module, experiment.training.start_from)
+        start_from(module.network, experiment.training.start_from, experiment.data.classes)
     loader, val_loader = build_loaders(
         experiment,
         border=module.network.representation.to_border,
@@ -152,23 +152,6 @@ def with_licence(experiment: Experiment) -> Experiment:
         if getattr(data, key) == "unknown" and stated:
             changes[key] = "; ".join(stated)
     return experiment.model_copy(update={"data": data.model_copy(update=changes)})
-
-
-def _start_from(module: TrainingModule, path: Path) -> None:
-    """Gives the network the weights of a checkpoint.
-
-    Raises:
-        FileNotFoundError: No such file.
-        ValueError: The file is no checkpoint, or its network is another one.
-    """
-    network, header = load_checkpoint(path)
-    try:
-        module.network.load_state_dict(network.state_dict())
-    except RuntimeError as error:
-        raise ValueError(
-            f"training.start_from: the network of {path} ({header.name}) has other layers than this "
-            "experiment's; use the same model section."
-        ) from error
 
 
 def _claim(folder: Path, experiment: Experiment) -> None:
