@@ -170,7 +170,7 @@ def test_reading_shows_progress(folder: Path) -> None:
 
 
 def test_arguments_are_found_through_the_bases() -> None:
-    assert list(arguments_of("synthetic")) == ["kind", "length", "seed", "size"]
+    assert list(arguments_of("synthetic")) == ["kind", "length", "seed", "size", "classes"]
     assert {"root", "labels", "classes", "skip_broken"} <= arguments_of("tusimple").keys()
     assert DATASETS["tusimple"] is TuSimple
 

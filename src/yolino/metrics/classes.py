@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 from yolino.metrics.metric import Lines, SumMetric
 from yolino.metrics.points import PointMatch, PointMetric
@@ -151,9 +152,9 @@ def _count(wanted: Int[np.ndarray, " k"], found: Int[np.ndarray, " k"], n: int) 
     return np.bincount(wanted * n + found, minlength=n * n).astype(np.float64)
 
 
-def _ratio(
-    part: Float[np.ndarray, "*b"], whole: Float[np.ndarray, "*b"], otherwise: Float[np.ndarray, "*b"]
-) -> Float[np.ndarray, "*b"]:
+def _ratio(part: ArrayLike, whole: ArrayLike, otherwise: ArrayLike) -> Float[np.ndarray, "*b"]:
+    """Gives `part / whole`, and `otherwise` where there is nothing; sums of single rows are no arrays."""
+    part, whole = np.asarray(part), np.asarray(whole)
     return np.asarray(np.where(whole > 0, part / np.where(whole > 0, whole, 1.0), otherwise))
 
 
