@@ -58,8 +58,11 @@ def test_values_defaults_and_overrides(file):
         ("data.fit=crop", "data.fit is 'crop'"),
         ("data.size=[48, 96]", r"data\.size is \[48, 96\]: height and width must be divisible by 32"),
         ("data.size=[0, 96]", r"data\.size is \[0, 96\]: .*divisible by 32"),
-        ("data.scale=nan", r"data\.scale is nan: a number above 0 and at most 16"),
+        ("data.scale=nan", r"data\.scale is nan: .*finite number"),
         ("data.scale=17", r"data\.scale is 17: a number above 0 and at most 16"),
+        ("training.lr=.inf", r"training\.lr is inf: .*finite number"),
+        ("training.seed=-1", r"training\.seed is -1: .*greater than or equal to 0"),
+        ("training.seed=4294967296", r"training\.seed is 4294967296: .*less than 4294967296"),
         ("lr", "not of the form key=value"),
         ("data.train.7.weight=1", "7 must be a number from 0 to 0"),
         ("name.first=1", "name is a single value"),
@@ -77,12 +80,25 @@ def test_a_missing_key_is_named(file):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("- 1", "no sections"), ("a: [", "not YAML"), ("", "no sections")]
+    ("text", "message"),
+    [
+        ("- 1", "no sections"),
+        ("a: [", "not YAML"),
+        ("", "no sections"),
+        ("name: a\nmodel: {predictors: 3}\nmodel: {upsample: 0}", "the key 'model' is there twice at line 3"),
+        ("name: a\nmodel: {predictors: 3, predictors: 4}", "the key 'predictors' is there twice"),
+        ("? [1]\n: 2", "not YAML: .*unhashable key"),
+    ],
 )
 def test_what_is_no_experiment_file_says_so(file, text, message):
     file.write_text(text)
     with pytest.raises(ValueError, match=message):
         load_experiment(file)
+
+
+def test_what_an_anchor_hands_on_may_be_replaced(file):
+    file.write_text(TEXT + "loss: &loss {loc: 3, resp: 4}\naugment: {options: {<<: *loss, loc: 5}}")
+    assert load_experiment(file).augment.options == {"loc": 5, "resp": 4}
 
 
 def test_a_missing_file_is_named(tmp_path):

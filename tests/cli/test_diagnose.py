@@ -33,7 +33,7 @@ def test_the_tables_end_with_what_limits_the_model(run: Run, model: Path, datase
     code, out, err = run("diagnose", model, *arguments)
     assert (code, err) == (0, "")
     assert "no image" in out
-    assert "What limits the accuracy of this model on these 1 image: misplaced segments" in out
+    assert "What limits the accuracy of this model on this image: misplaced segments" in out
     assert "Details are in why/report.html." in out
     assert "No image: the lines of clips/b/20.png everywhere" in Path("why/report.md").read_text()
     assert Path("why/worst/01-clips-a-20.png").is_file()

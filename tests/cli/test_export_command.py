@@ -52,6 +52,10 @@ def test_a_new_threshold_needs_no_torch(run: Run, lines: Path) -> None:
         (["--images", "0"], "--images"),
         (["--compact"], "--compact"),
         (["--set", "precision=int8"], "use --precision"),
+        (["--set", "postprocess.rotations=4"], "only windows are turned"),
+        (["--set", "postprocess.flip=true", "--set", "fit=window"], "use rotations"),
+        (["--set", "postprocess.linker=grph"], "grph"),
+        (["--set", "postprocess.nms={epsilo: 1}"], "epsilo"),
     ],
 )
 def test_mistakes_are_told_and_leave_nothing(

@@ -76,7 +76,7 @@ def test_json_is_one_object_and_nothing_else(run: Run, model: Path, dataset: Pat
         (["none.onnx", "--root", "data"], "The model none.onnx does not exist"),
         (["nothing", "--root", "data"], "The model 'nothing' is unknown"),
         (["tiny.onnx"], "Tuning needs labelled images: name them with --data"),
-        (["tiny.onnx", "--root", "data"], "has 3 images, but 5 folds need as many"),
+        (["tiny.onnx", "--root", "data"], "5 folds need as many images or more, but the dataset has 3"),
         (["tiny.onnx", "--root", "data", "--metric", "f2"], "The metric 'f2' is unknown"),
         (["tiny.onnx", "--root", "data", "--linker", "net"], "The linker 'net' is unknown"),
         (["tiny.onnx", "--root", "data", "--only", "treshold"], "did you mean 'threshold'"),

@@ -121,7 +121,7 @@ def test_the_verdict_names_the_stage_that_costs_most(misplaced: tuple[Diagnosis,
 
 def test_a_perfect_model_is_limited_by_nothing() -> None:
     found = Diagnosis("f1", [], [], {}, ["a.png"], {})
-    assert found.verdict == "Nothing limits this model on these 1 image: its f1 is that of the labels."
+    assert found.verdict == "Nothing limits this model on this image: its f1 is that of the labels."
 
 
 def test_the_row_without_an_image_is_the_same_in_every_image(predictor: Predictor, tmp_path: Path) -> None:
@@ -197,6 +197,18 @@ def test_an_empty_dataset_is_told(predictor: Predictor, monkeypatch: pytest.Monk
     monkeypatch.setattr(Scenes, "__len__", lambda self: 0)
     with pytest.raises(ValueError, match="has no samples"):
         diagnose(predictor, Scenes())
+
+
+def test_images_without_any_label_are_told(predictor: Predictor, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="None of the 2 images has a labelled line"):
+        diagnose(predictor, write_frames(tmp_path, [], []))
+
+
+def test_causes_add_up_with_empty_images_and_lines_too_many(predictor: Predictor, tmp_path: Path) -> None:
+    found = diagnose(predictor, write_frames(tmp_path, SEEN, [], [100.0]))
+    model = next(row for row in found.rows if row.name == "model")
+    assert sum(found.causes.values()) == pytest.approx(1 - model.scores["accuracy"])
+    assert found.causes["whole_image"] == pytest.approx(1 / 3)
 
 
 def test_true_segments_of_real_labels_lose_little(tusimple_root: Path, tmp_path: Path) -> None:

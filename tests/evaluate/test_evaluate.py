@@ -22,7 +22,7 @@ from yolino.evaluate import (
 from yolino.header import Header
 from yolino.inference import Predictor, load
 from yolino.io import read_image
-from yolino.metrics import ChamferMetric, TuSimpleMetric, score_files
+from yolino.metrics import ChamferMetric, ClassMetric, TuSimpleMetric, score_files
 from yolino.types import Polylines, Sample
 
 ROWS = list(range(160, 720, 10))
@@ -158,6 +158,18 @@ def test_ignored_regions_leave_the_benchmark_out(predictor: Predictor) -> None:
     scores = evaluate(predictor, InMemory(Sample("a", WHITE, lines(40.0), [region]))).scores
     assert "accuracy" not in scores
     assert scores["precision"] > 0.95
+
+
+@pytest.mark.parametrize(
+    ("classes", "message"),
+    [(("dashed", "dots"), "knows solid, dashed, the labels dashed, dots"), (("lane",), "the labels lane")],
+)
+def test_classes_of_other_names_are_not_compared_by_their_place(
+    class_model: Path, classes: tuple[str, ...], message: str
+) -> None:
+    dataset = InMemory(Sample("a", WHITE, lines(40.0)), classes=classes)
+    with pytest.raises(ValueError, match=message):
+        evaluate(load(class_model), dataset, metrics={"classes": ClassMetric()})
 
 
 def test_classes_are_compared_by_name(class_model: Path) -> None:

@@ -60,3 +60,12 @@ def test_lines_are_scaled_to_the_image() -> None:
 def test_labels_without_samples_are_told() -> None:
     with pytest.raises(ValueError, match="the dataset has no samples: check --prior"):
         find_prior(Lines())
+
+
+def test_labels_without_lines_are_told() -> None:
+    class Empty(Lines):
+        def __getitem__(self, index: int) -> Sample:
+            return Sample(f"{index}.png", Path(f"{index}.png"), Polylines.from_list([]), (), self.shape)
+
+    with pytest.raises(ValueError, match="no sample has a line: check --prior"):
+        find_prior(Empty(0.1, 0.2))

@@ -18,7 +18,7 @@ def write_log(folder: Path, version: int, *lines: str) -> None:
 
 
 def test_a_curve_has_its_steps_and_values(tmp_path):
-    write_log(tmp_path, 0, "0,9,0.5,,", "0,9,,0.1,0.7", "1,19,0.4,,", "1,19,,0.2,nan")
+    write_log(tmp_path, 0, "0,9,0.5,,", "0,10,,0.1,0.7", "1,19,0.4,,", "1,20,,0.2,nan")
     curves = read_curves(tmp_path)
     assert set(curves) == {"train/loc", "val/f1", "val/loc"}
     np.testing.assert_array_equal(curves["val/f1"], [[10, 20], [0.1, 0.2]])
@@ -28,9 +28,18 @@ def test_a_curve_has_its_steps_and_values(tmp_path):
 
 
 def test_a_later_part_replaces_what_it_repeats(tmp_path):
-    write_log(tmp_path, 9, "0,9,,0.1,", "1,19,,0.2,", "2,29,,0.3,")
-    write_log(tmp_path, 10, "2,19,,0.4,", "3,24,,0.5,")
+    write_log(tmp_path, 9, "0,10,,0.1,", "1,20,,0.2,", "2,30,,0.3,")
+    write_log(tmp_path, 10, "2,20,,0.4,", "3,25,,0.5,")
     np.testing.assert_array_equal(read_curves(tmp_path)["val/f1"], [[10, 20, 25], [0.1, 0.4, 0.5]])
+
+
+def test_a_line_that_a_kill_left_unfinished_does_not_count(tmp_path):
+    write_log(tmp_path, 0, "0,10,,0.1,0.7", "1,20,,0.2,0.6")
+    path = tmp_path / "csv" / "version_0" / "metrics.csv"
+    whole = path.read_text()
+    for part in ("2,30,,0.3e-", "2,30,,0.3", "2,-"):
+        path.write_text(whole + part)
+        assert last_step(tmp_path) == 20
 
 
 def test_without_logs_there_are_no_curves(tmp_path):

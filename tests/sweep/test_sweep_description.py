@@ -23,6 +23,11 @@ def test_without_a_layout_the_rows_are_the_files_in_order(folder):
     }
 
 
+def test_files_that_the_system_hides_are_no_rows(folder):
+    (folder / "._a.yaml").write_bytes(b"\x00\x05\x16\x07\xff")  # as macOS leaves them on other disks
+    assert list(load_sweep(folder).files) == ["a", "b"]
+
+
 def test_equal_last_parts_of_keys_are_written_out(folder):
     (folder / "c.yaml").write_text("base: a.yaml\nloss: {classes: 3}\ndata: {classes: [solid]}")
     columns = load_sweep(folder).layout.columns
@@ -53,12 +58,15 @@ def test_a_layout_orders_groups_and_leaves_out(folder):
             r"no experiment aa\.yaml for the row 'aa'; did you mean 'a'\? The folder has a, b",
         ),
         ("groups: [{row: [a]}]", "unknown key 'groups.0.row'; did you mean 'rows'"),
-        ("numbers: {c: {f1: 1}}", "numbers has the row 'c', which is in no group"),
+        ("numbers: {c: {f1: 1}}", r"numbers has the row 'c', which is in no group; .*The groups have a, b\."),
         ("numbers: {a: {F1: 1}}", "unknown key 'numbers.a.F1'"),
         (
             "columns: {P: model.predictor}",
             "columns.P is 'model.predictor', .*did you mean 'model.predictors'",
         ),
+        ("columns: {P: out.predictors}", "which no experiment has"),
+        ("numbers: {a: {f1: .nan}}", r"numbers\.a\.f1 is nan: .*finite"),
+        ("title: x\ntitle: y", "the key 'title' is there twice"),
         ("columns: {P: nothing}", "which no experiment has"),
         ("- 1", r"sweep\.yaml holds no keys; it may have title, "),
         ("a: [", "is not YAML"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from yolino.sweep import Outcome, load_sweep, plan, prospects, run_sweep
+from yolino.sweep.curves import read_curves
 from yolino.sweep.result import PROBLEM, RESULT, RUNS, read_result
 
 pytestmark = pytest.mark.filterwarnings(
@@ -58,7 +59,9 @@ def test_a_killed_sweep_goes_on_and_ends_with_a_table(run, out, monkeypatch):
     assert first is not None
     assert (first.steps, first.parameters > 1000, first.train[0].images) == (4, True, 50)
     assert {"segment_f1", "f1", "images"} <= set(first.scores)
-    assert "accuracy" not in first.scores  # no labels of the TuSimple benchmark
+    assert not {"accuracy", "fp", "fn", "fn_strict"} & set(
+        first.scores
+    )  # no labels of the TuSimple benchmark
     assert "Not run yet: b." in (out / "table.md").read_text()
     assert not (out / RUNS / "b-seed0" / RESULT).exists()
     changed = (out / RUNS / "a-seed0" / "last.ckpt").stat().st_mtime_ns
@@ -73,6 +76,9 @@ def test_a_killed_sweep_goes_on_and_ends_with_a_table(run, out, monkeypatch):
     second = read_result(out / RUNS / "b-seed0")
     assert second is not None
     assert second.settings["model"]["representation"] == "eu"
+    assert second.steps == 4
+    steps = read_curves(out / RUNS / "b-seed0")["val/f1"][0]
+    assert steps.tolist() == [2, 4]
     rows = json.loads((out / "table.json").read_text())["rows"]
     assert [len(row["runs"]) for row in rows] == [1, 1]
 
@@ -127,6 +133,46 @@ def test_a_change_of_settings_is_an_error_that_says_what_to_do(folder, finish, o
     plan(sweep, ["training.steps=9"], out, only=["b"])
     plan(sweep, ["training.workers=1"], out)
     assert [(job.row, job.finished) for job in plan(sweep, [], out)] == [("a", True), ("b", False)]
+
+
+def test_names_of_rows_may_hold_brackets_and_spaces(folder, finish, out):
+    for name in ("po[8]", "a b", "*"):
+        (folder / f"{name}.yaml").write_text("base: a.yaml")
+        finish(name, f1=0.5)
+        with pytest.raises(ValueError, match=r"other settings \(training\.lr\)"):
+            plan(load_sweep(folder), ["training.lr=9"], out, only=[name])
+
+
+def test_names_may_hold_any_letters(folder, out):
+    (folder / "größe 😀.yaml").write_text("base: a.yaml")
+    (job,) = plan(load_sweep(folder), [], out / "😀", only=["größe 😀"])
+    assert job.folder == out / "😀" / RUNS / "größe 😀-seed0"
+
+
+def test_settings_of_a_stopped_run_that_are_no_yaml_are_named(folder, out):
+    stopped = out / RUNS / "a-seed0"
+    stopped.mkdir(parents=True)
+    (stopped / "last.ckpt").write_bytes(b"")
+    (stopped / "experiment.yaml").write_text("a: [")
+    with pytest.raises(ValueError, match=r"a-seed0/experiment\.yaml is not YAML"):
+        plan(load_sweep(folder), [], out)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("augment.preset=gentl", "will fail: augmentation preset 'gentl' is unknown"),
+        ("augment.options={nois: {}}", "will fail: unknown key 'augment.options.nois'"),
+        ("model.representation=ep", "will fail: representation 'ep' is unknown"),
+        ("model.backbone=resnet", "will fail: backbone 'resnet' is unknown"),
+        ("model.backbone_args={width: 3}", "will fail: unknown key 'model.backbone_args.width'"),
+        ("model.backbone_args={widths: [8, 8, 8, x]}", "will fail: "),
+        ("training.freeze=[backbone.stam]", "will fail: training.freeze names 'backbone.stam'"),
+    ],
+)
+def test_what_will_fail_is_known_before_its_turn(folder, out, change, message):
+    found = prospects(plan(load_sweep(folder), [change], out, only=["a"]))
+    assert found[0].state.startswith(message)
 
 
 def test_what_older_runs_do_not_know_has_its_default(folder, finish, out):

@@ -77,6 +77,16 @@ def test_seeds_give_a_mean_and_a_range(folder, finish, tmp_path):
     assert [run["seed"] for run in document["rows"][0]["runs"]] == [0, 1]
 
 
+def test_a_setting_called_like_a_column_of_the_table_has_its_whole_key(folder, finish, tmp_path):
+    (folder / "b.yaml").write_text("base: _base.yaml\ntraining: {steps: 9}")
+    finish("a", **SCORES)
+    write_tables(load_sweep(folder), tmp_path / "out")
+    header, first, second = csv.reader((tmp_path / "out" / "table.csv").read_text().splitlines())
+    assert len(set(header)) == len(header)
+    assert dict(zip(header, first, strict=True))["steps"] == "4"
+    assert dict(zip(header, second, strict=True))["training.steps"] == "9"
+
+
 def test_why_a_row_is_missing_is_told(folder, finish, tmp_path):
     out = tmp_path / "out"
     finish("a", **SCORES, precision=0.5)
@@ -87,6 +97,8 @@ def test_why_a_row_is_missing_is_told(folder, finish, tmp_path):
     assert notes(rows) == ["b, seed 0: not run: no data"]
     write_tables(sweep, out)
     assert "- b, seed 0: not run: no data" in (out / "table.md").read_text()
+    (out / RUNS / "b-seed0" / "problem.txt").write_text("")
+    assert notes(read_rows(sweep, out)) == ["b, seed 0: "]
     finish("b", **SCORES, precision=0.5)
     assert notes(read_rows(sweep, out)) == []
 
@@ -99,11 +111,30 @@ def test_rows_whose_names_begin_alike_are_told_apart(folder, finish, tmp_path):
     assert list(read_row("a-seed0", tmp_path / "out").results) == [2]
 
 
-@pytest.mark.parametrize("text", ["{}", "[", '{"row": 1}'])
-def test_a_broken_result_is_named(folder, finish, tmp_path, text):
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"{}", "the key 'row' is missing"),
+        (b"[", "Invalid JSON"),
+        (b'{"row": 1}', "row is 1: Input should be a valid string"),
+        (b"", "Invalid JSON: EOF while parsing a value at line 1 column 0"),
+        (b"null", "Input should be an object"),
+        (b"\xff\xfe\x00", "Invalid JSON"),
+    ],
+)
+def test_a_broken_result_is_named(folder, finish, tmp_path, content, message):
     finish("a", **SCORES)
-    (tmp_path / "out" / RUNS / "a-seed0" / "result.json").write_text(text)
-    with pytest.raises(ValueError, match=r"result\.json: .*Delete the folder .*a-seed0 to run it anew"):
+    (tmp_path / "out" / RUNS / "a-seed0" / "result.json").write_bytes(content)
+    expected = rf"a-seed0/result\.json: {message}.*\. Delete the folder .*a-seed0 to run it anew"
+    with pytest.raises(ValueError, match=expected):
+        read_rows(load_sweep(folder), tmp_path / "out")
+
+
+def test_a_score_that_is_no_number_is_named(folder, finish, tmp_path):
+    finish("a", **SCORES)
+    path = tmp_path / "out" / RUNS / "a-seed0" / "result.json"
+    path.write_text(path.read_text().replace('"segment_f1": 0.5', '"segment_f1": NaN'))
+    with pytest.raises(ValueError, match=r"scores\.segment_f1 is nan: .*finite number"):
         read_rows(load_sweep(folder), tmp_path / "out")
 
 

@@ -109,7 +109,7 @@ def test_a_damaged_file_is_drawn_anew(tmp_path: Path, caplog: pytest.LogCaptureF
     want = kept[0]
     (file,) = files(tmp_path)
     whole = file.read_bytes()
-    for part in (whole[:-8], whole[:200], whole[:10], b""):
+    for part in (whole[:-8], whole[:200], whole[:10], b"", b"PK\3\4", whole.replace(b"}", b" ")):
         file.write_bytes(part)
         assert equal(kept[0], want)
         assert file.read_bytes() == whole

@@ -14,8 +14,9 @@ from yolino.inference import load
 from yolino.tuning import Options, facts, parameter_rows, score_rows, summary, tune, tuned_header
 from yolino.tuning.candidates import Candidates
 from yolino.tuning.run import choose
-from yolino.tuning.space import build_space
+from yolino.tuning.space import Point, build_space
 from yolino.tuning.trials import Trials
+from yolino.types import Polylines
 
 from .conftest import image_of
 from .test_trials import trials_of
@@ -123,9 +124,30 @@ def test_the_same_seed_gives_the_same(tiny_model: Path, write_frames: Callable[.
 
 
 def test_mistakes_are_told(tiny_model: Path, write_frames: Callable[..., TuSimple]) -> None:
-    with pytest.raises(ValueError, match="has 2 images, but 5 folds need as many"):
+    with pytest.raises(ValueError, match="5 folds need as many images or more, but the dataset has 2: "):
         tune(load(tiny_model), write_frames(SEEN, SEEN))
     with pytest.raises(ValueError, match="trials is 0"):
         Options(trials=0)
     with pytest.raises(ValueError, match="folds is 1"):
         Options(folds=1)
+
+
+def test_images_without_any_label_are_told(tiny_model: Path, write_frames: Callable[..., TuSimple]) -> None:
+    with pytest.raises(ValueError, match="None of the 2 images has a labelled line"):
+        tune(load(tiny_model), write_frames((), ()), Options(folds=2))
+
+
+def test_the_labels_of_a_block_do_not_change_what_is_chosen_for_it(
+    plain: Header, images: list[Candidates]
+) -> None:
+    """Other labels of the second half change the settings of the first half, but not their own."""
+    groups, blocks = np.arange(10), np.repeat([0, 1], 5)
+    no_lines = Polylines.from_list([])
+    others = [replace(one, truth=no_lines) if i >= 5 else one for i, one in enumerate(images)]
+    chosen: list[list[Point]] = []
+    for these in (images, others):
+        trials = only(trials_of(plain, these), "threshold")
+        each = [np.where(blocks == block, -1, groups) for block in (0, 1)]
+        chosen.append([choose(trials, one, Options(trials=30, folds=2), 1 + i) for i, one in enumerate(each)])
+    assert chosen[0][1] == chosen[1][1]
+    assert chosen[0][0] != chosen[1][0]

@@ -109,13 +109,15 @@ def tune(
     from yolino.cli.screen import progress, track
     from yolino.inference import EngineChoice, Predictor
     from yolino.inference.loading import model_path
-    from yolino.tuning import Options
+    from yolino.tuning import Options, with_header
     from yolino.tuning import tune as run
 
     options = Options(metric, linker, tuple(only or ()), trials, folds, groups, seed)
     path = model_path(model)
     _check_out(out, path)
     predictor = Predictor(EngineChoice(engine, device, precision).open(model))
+    if out is not None:
+        with_header(path, predictor.header)  # says before the work if the file has no place for another
     if data is None and dataset is None and root is None and not labels:
         raise ValueError("Tuning needs labelled images: name them with --data, or with --dataset and --root.")
     samples = open_or_tell(Selection(data, split, dataset, root, labels or (), option or (), skip_broken))

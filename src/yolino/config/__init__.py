@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from yolino.config.mistakes import check_keys, explain, suggest
-from yolino.config.reading import differences, load_experiment, override
+from yolino.config.reading import differences, load_experiment, override, read_yaml
 from yolino.config.sections import (
     Augmentation,
     Data,
@@ -33,5 +33,6 @@ __all__ = [
     "explain",
     "load_experiment",
     "override",
+    "read_yaml",
     "suggest",
 ]

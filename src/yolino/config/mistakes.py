@@ -33,7 +33,8 @@ def explain(error: ValidationError, whole: type[BaseModel]) -> str:
         )
     if mistake["type"] == "missing":
         return f"the key {key!r} is missing."
-    return f"{key} is {mistake['input']!r}: {mistake['msg'].removeprefix('Value error, ')}."
+    said = mistake["msg"].removeprefix("Value error, ")
+    return f"{key} is {mistake['input']!r}: {said}." if key else f"{said}."
 
 
 def suggest(name: str, allowed: Iterable[str]) -> str:

@@ -80,13 +80,40 @@ def _read_values(path: Path) -> dict[str, Any]:
         raise FileNotFoundError(
             f"The experiment file {path} does not exist; the repository has some under configs/."
         )
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    values = read_yaml(path)
     if not isinstance(values, dict):
         raise ValueError(f"{path} holds no sections; an experiment file begins with `name:` and `data:`.")
     return values
+
+
+class _Loader(yaml.SafeLoader):
+    """Takes a key that is there twice for a mistake; PyYAML silently takes the last one."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """Gives a node whose keys are all different."""
+        node = super().compose_mapping_node(anchor)
+        known = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value in known:
+                raise yaml.MarkedYAMLError(
+                    None, None, f"the key {key.value!r} is there twice", key.start_mark
+                )
+            known.add(str(key.value))
+        return node
+
+
+def read_yaml(path: Path) -> Any:
+    """Gives what a YAML file holds.
+
+    Raises:
+        ValueError: It is not YAML, or has a key twice.
+        OSError: It cannot be read.
+    """
+    try:
+        return yaml.load(path.read_text(encoding="utf-8"), _Loader)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        said = " ".join(str(error).split()).replace('in "<unicode string>", line', "at line")
+        raise ValueError(f"{path} is not YAML: {said}") from error
 
 
 def override(values: dict[str, Any], change: str) -> None:
@@ -135,4 +162,4 @@ def differences(a: Any, b: Any, key: str = "") -> list[str]:
     return [] if a == b else [key]
 
 
-__all__ = ["differences", "load_experiment", "override"]
+__all__ = ["differences", "load_experiment", "override", "read_yaml"]

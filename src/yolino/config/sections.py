@@ -9,9 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 
 class Section(BaseModel):
-    """A part of the experiment file; a key that it does not know is a mistake."""
+    """A part of the experiment file; a key that it does not know is a mistake, and so is NaN or infinity."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=(), allow_inf_nan=False)
 
 
 class Source(Section):
@@ -77,7 +77,7 @@ class Data(Section):
     def _check_range(cls, value: Any) -> Any:
         if isinstance(value, tuple) and any(edge < 32 or edge % 32 for edge in value):
             raise ValueError("height and width must be divisible by 32, such as [320, 640]")
-        if isinstance(value, float) and not 0 < value <= 16:  # NaN, too
+        if isinstance(value, float) and not 0 < value <= 16:
             raise ValueError("a number above 0 and at most 16 is needed")
         return value
 
@@ -157,7 +157,7 @@ class Training(Section):
         validate_every: Steps between two validations and checkpoints; the last step is always validated.
         patience: Validations without a better F1 after which training stops early; 0 never stops early.
         workers: Processes that load data.
-        seed: Seed of everything random.
+        seed: Seed of everything random, of 32 bits.
         accelerator: Lightning's accelerator.
         devices: Lightning's devices.
         threads: Threads of the CPU for the network; 0 leaves torch's choice.
@@ -180,7 +180,7 @@ class Training(Section):
     validate_every: int = Field(250, ge=1)
     patience: int = Field(0, ge=0)
     workers: int = Field(0, ge=0)
-    seed: int = 0
+    seed: int = Field(0, ge=0, lt=2**32)
     accelerator: str = "auto"
     devices: str | int = "auto"
     threads: int = Field(0, ge=0)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from yolino.datasets import Dataset, TuSimple
-from yolino.evaluate.diagnosis_rows import CAUSES, lost_rows
+from yolino.evaluate.diagnosis_rows import CAUSES, lost_in_image
 from yolino.evaluate.diagnosis_scores import Columns, Scoreboard, columns_of, draw_weights, interval, lost
+from yolino.evaluate.kinds import label_map
 from yolino.evaluate.oracles import LADDER, ORACLES, Found, Oracle
 from yolino.evaluate.oracles_case import make_case, see_everything
 from yolino.evaluate.prior import Prior, no_image
@@ -95,11 +96,11 @@ class Diagnosis:
             for loss in ranked
             if loss.values[self.headline] > _WORTH_NAMING
         ]
-        images = f"{len(self.names)} image{'s' * (len(self.names) != 1)}"
+        images = "this image" if len(self.names) == 1 else f"these {len(self.names)} images"
         if not parts:
-            return f"Nothing limits this model on these {images}: its {self.headline} is that of the labels."
+            return f"Nothing limits this model on {images}: its {self.headline} is that of the labels."
         then = f", then {' and '.join(parts[1:3])}" if parts[1:] else ""
-        return f"What limits the {self.headline} of this model on these {images}: {parts[0]}{then}."
+        return f"What limits the {self.headline} of this model on {images}: {parts[0]}{then}."
 
 
 def diagnose(
@@ -122,7 +123,7 @@ def diagnose(
         progress: Wraps the indices that are looped over, to show a progress bar.
 
     Raises:
-        ValueError: The dataset is empty or an image is damaged.
+        ValueError: The dataset is empty, or has no labelled line, or an image is damaged.
         FileNotFoundError: An image is missing.
     """
     if len(dataset) == 0:
@@ -140,6 +141,11 @@ def diagnose(
             lines[name].append(found.polylines)
         if boards["model"].tusimple is not None:
             causes.add(columns_of(dataset, seen.place, seen.sample, lines["model"][-1], seen.size))
+    if not any(map(len, lines["labels"])):
+        raise ValueError(
+            f"None of the {len(names)} images has a labelled line, so nothing can be missing: take images "
+            "with labels."
+        )
     draws = draw_weights(len(names), None if groups is None else [groups(name) for name in names])
     return _diagnosis(
         {name: (each.title, boards[name]) for name, each in oracles.items()},
@@ -163,7 +169,7 @@ def _each_image(
     predictor: Predictor, dataset: Dataset, oracles: Mapping[str, Oracle], progress: Progress
 ) -> Iterator[_Seen]:
     everything = see_everything(predictor)
-    renamed = _label_map(dataset.classes, predictor.header.classes)
+    renamed = label_map(dataset.classes, predictor.header.classes)
     for index in progress(range(len(dataset))):
         sample = dataset[index]
         case = make_case(
@@ -194,10 +200,8 @@ class _Causes:
         self.images = 0
 
     def add(self, columns: Columns) -> None:
-        """Adds one image, as the benchmark counts it: of more than four labels the worst is left out."""
-        losses, _ = lost_rows(*columns)
-        counted = np.argsort(losses.sum(axis=1), kind="stable")[: len(losses) - (len(losses) > 4)]
-        self.sums = self.sums + losses[counted].sum(axis=0) / max(min(len(losses), 4), 1)
+        """Adds one image."""
+        self.sums = self.sums + lost_in_image(*columns)
         self.images += 1
 
     def shares(self) -> dict[str, float]:
@@ -237,13 +241,6 @@ def _diagnosis(
         for step in LADDER
     ]
     return Diagnosis(headline, rows, losses, causes if headline == "accuracy" else {}, names, lines)
-
-
-def _label_map(labelled: tuple[str, ...], predicted: tuple[str, ...]) -> Int[np.ndarray, " c"] | None:
-    """Gives the model's label for each label of the dataset; None if the model lacks one of them."""
-    if not predicted or any(name not in predicted for name in labelled):
-        return None
-    return np.array([predicted.index(name) for name in labelled], np.int64)
 
 
 def _short(value: float) -> str:

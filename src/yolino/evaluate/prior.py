@@ -47,13 +47,15 @@ def find_prior(dataset: Dataset, *, progress: Callable[[Sequence[int]], Iterable
         progress: Wraps what is looped over, to show a progress bar.
 
     Raises:
-        ValueError: There are no samples.
+        ValueError: There are no samples, or no lines.
     """
     if len(dataset) == 0:
         raise ValueError("The prior needs training labels, but the dataset has no samples: check --prior.")
     chosen = np.unique(np.linspace(0, len(dataset) - 1, min(len(dataset), MOST)).round().astype(np.int64))
     samples = [dataset[int(i)] for i in chosen]
     sizes = [_size(sample) for sample in samples]
+    if not any(len(sample.polylines) for sample in samples):
+        raise ValueError("The prior needs training labels, but no sample has a line: check --prior.")
     height = round(_WIDTH * float(np.median([h / w for h, w in sizes])))
     common = (height, int(_WIDTH))
     lines = [scaled(sample.polylines, size, common) for sample, size in zip(samples, sizes, strict=True)]

@@ -95,7 +95,8 @@ def evaluate(
         progress: Wraps the indices that are looped over, to show a progress bar.
 
     Raises:
-        ValueError: The dataset is empty or an image is damaged.
+        ValueError: The dataset is empty, an image is damaged, or a metric compares classes that the model
+            does not know.
         FileNotFoundError: An image is missing.
     """
     if len(dataset) == 0:
@@ -130,6 +131,10 @@ def point_radius(header: Header) -> float | None:
     return RADIUS_CELLS * header.stride / header.scale if header.fit == "window" else None
 
 
+def _listed(classes: Sequence[str]) -> str:
+    return ", ".join(classes) or "none"
+
+
 class _Scores:
     """The metrics of one evaluation."""
 
@@ -146,6 +151,11 @@ class _Scores:
                 "classes are not compared: the model knows %s, the labels %s",
                 ", ".join(predictor.header.classes),
                 ", ".join(dataset.classes),
+            )
+        if self.labels is None and any(isinstance(one, ClassMetric) for one in (metrics or {}).values()):
+            raise ValueError(
+                f"Classes cannot be compared: the model knows {_listed(predictor.header.classes)}, the "
+                f"labels {_listed(dataset.classes)}. Leave out the metric of classes."
             )
         self.ignored = False
         self.chosen = metrics

@@ -10,6 +10,7 @@ from yolino.config import override
 from yolino.export.packages import needed
 from yolino.header import Header
 from yolino.inference.engines import METADATA_KEY
+from yolino.inference.postprocessing import build_flip, build_linker, build_nms, build_quarters
 
 
 def with_header(model: Any, header: Header | None) -> bytes:
@@ -34,14 +35,20 @@ def changed_header(header: Header, changes: Sequence[str]) -> Header:
 
     Raises:
         ValueError: A change is not of that form, names an unknown key or the precision (which is what the
-            weights are, not what one says), or has a value that is not allowed.
+            weights are, not what one says), has a value that is not allowed, or makes a post-processing that
+            cannot be run.
     """
     values = json.loads(header.to_json())
     for change in changes:
         if change.partition("=")[0].strip() == "precision":
             raise ValueError(f"{change!r} would not change the weights: use --precision.")
         override(values, change)
-    return Header.from_json(json.dumps(values)) if changes else header
+    if not changes:
+        return header
+    changed = Header.from_json(json.dumps(values))
+    for build in (build_quarters, build_flip, build_nms, build_linker):
+        build(changed)
+    return changed
 
 
 __all__ = ["changed_header", "with_header"]

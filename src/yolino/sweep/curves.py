@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,9 @@ def read_curves(folder: Path) -> dict[str, Curve]:
     files = sorted((folder / "csv").glob("version_*/metrics.csv"), key=_number)
     points: dict[str, dict[int, float]] = {}
     for file in files:
-        with file.open(encoding="utf-8", newline="") as stream:
-            rows = [row for row in csv.DictReader(stream) if row.get("step")]
+        text = file.read_text(encoding="utf-8")
+        whole = text[: text.rfind("\n") + 1]  # a kill may leave a part of a line
+        rows = [row for row in csv.DictReader(io.StringIO(whole)) if row.get("step")]
         if not rows:
             continue
         first = int(rows[0]["step"]) + 1
@@ -34,7 +36,9 @@ def read_curves(folder: Path) -> dict[str, Curve]:
         for row in rows:
             for name, text in row.items():
                 if name and "/" in name and text:
-                    points.setdefault(name, {})[int(row["step"]) + 1] = float(text)
+                    # Lightning counts training steps from 0; validations state how many there were.
+                    step = int(row["step"]) + name.startswith("train/")
+                    points.setdefault(name, {})[step] = float(text)
     return {
         name: (np.array(list(curve), np.float64), np.array(list(curve.values()), np.float64))
         for name, curve in points.items()

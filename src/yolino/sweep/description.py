@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import yaml
 from pydantic import Field, ValidationError
 
-from yolino.config import Experiment, Section, Source, differences, explain, load_experiment, suggest
+from yolino.config import (
+    Experiment,
+    Section,
+    Source,
+    differences,
+    explain,
+    load_experiment,
+    read_yaml,
+    suggest,
+)
 
 FILE = "sweep.yaml"
 _MANY = 4  # columns of settings that differ
@@ -115,7 +122,7 @@ class Sweep:
 
 
 def load_sweep(folder: str | Path) -> Sweep:
-    """Gives the sweep of a folder: its experiment files `*.yaml`, but those whose name begins with `_`.
+    """Gives the sweep of a folder: its files `*.yaml`, but those whose names begin with `_` or a dot.
 
     Raises:
         FileNotFoundError: There is no such folder, or no experiment in it.
@@ -127,7 +134,7 @@ def load_sweep(folder: str | Path) -> Sweep:
     files = {
         path.stem: path
         for path in sorted(folder.glob("*.yaml"))
-        if path.name != FILE and not path.name.startswith("_")
+        if path.name != FILE and not path.name.startswith(("_", "."))
     }
     if not files:
         raise FileNotFoundError(f"{folder} holds no experiment files (*.yaml, not beginning with _).")
@@ -157,10 +164,7 @@ def _differing(files: Sequence[Path]) -> dict[str, str]:
 def _load_layout(path: Path) -> Layout:
     if not path.is_file():
         return Layout()
-    try:
-        values: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+    values = read_yaml(path)
     if not isinstance(values, dict | None):
         raise ValueError(f"{path} holds no keys; it may have {', '.join(Layout.model_fields)}.")
     try:
@@ -185,6 +189,7 @@ def _check(layout: Layout, files: dict[str, Path], path: Path) -> None:
         if row not in scored:
             raise ValueError(
                 f"{path}: numbers has the row {row!r}, which is in no group; {suggest(row, scored)}"
+                f"The groups have {', '.join(scored)}."
             )
     for heading, key in layout.columns.items():
         _check_key(key, f"{path}: columns.{heading}")
@@ -198,8 +203,8 @@ def _check_key(key: str, where: str) -> None:
     fields = Experiment.model_fields
     known = first in fields
     kind = fields[first].annotation if known else None
-    if known and rest and isinstance(kind, type) and issubclass(kind, Section):
-        known = rest[0] in kind.model_fields
+    if known and rest:
+        known = isinstance(kind, type) and issubclass(kind, Section) and rest[0] in kind.model_fields
     if not known:
         names = [
             f"{name}.{part}"

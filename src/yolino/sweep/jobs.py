@@ -8,16 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
-from yolino.config import Experiment, Source, differences, explain, load_experiment, suggest
+from yolino.config import Experiment, Source, differences, explain, load_experiment, read_yaml, suggest
 from yolino.datasets import Dataset
+from yolino.model.network import Network
 from yolino.sweep.description import Sweep
-from yolino.sweep.result import RUNS, Part, read_result, run_name
+from yolino.sweep.result import RUNS, Part, read_result, run_folders, run_name
 from yolino.training.callbacks import LAST
 from yolino.training.checks import check_experiment
-from yolino.training.data import build_dataset
+from yolino.training.data import build_augment, build_dataset
+from yolino.training.module import frozen_parts, network_arguments
 
 # What may differ between two parts of a run without making it another experiment. `name` is the row's.
 FREE = {
@@ -115,7 +116,7 @@ def _job(sweep: Sweep, row: str, overrides: Sequence[str], out: Path) -> Job:
     path = sweep.files[row]
     seed = load_experiment(path, overrides).training.seed
     # In quotation marks, so that no name is read as anything else.
-    changes = (*overrides, f"name={json.dumps(run_name(row, seed))}", f"out={json.dumps(str(out / RUNS))}")
+    changes = (*overrides, f"name={_quoted(run_name(row, seed))}", f"out={_quoted(str(out / RUNS))}")
     experiment = load_experiment(path, changes)
     try:
         check_experiment(experiment)
@@ -124,15 +125,19 @@ def _job(sweep: Sweep, row: str, overrides: Sequence[str], out: Path) -> Job:
     return Job(row, seed, path, changes, experiment, sweep.score_on(row))
 
 
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
+
+
 def _check_settings(job: Job, out: Path) -> None:
     """Raises a ValueError if the row has runs with other settings."""
     now = job.experiment.model_dump(mode="json")
-    for folder in sorted((out / RUNS).glob(f"{job.row}-seed*")):
+    for folder in run_folders(job.row, out).values():
         result = read_result(folder)
-        if result is not None and result.row == job.row:
+        if result is not None:
             before = result.settings
         elif folder == job.folder and (folder / LAST).is_file():
-            before = yaml.safe_load((folder / "experiment.yaml").read_text(encoding="utf-8"))
+            before = read_yaml(folder / "experiment.yaml")
         else:
             continue
         before = _with_defaults(before, folder)
@@ -153,6 +158,18 @@ def _with_defaults(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
         raise ValueError(
             f"{folder} is a run of another version of yolino: {said} Give another --out, or delete it."
         ) from error
+
+
+def check_parts(experiment: Experiment) -> None:
+    """Builds what training will build, but for the data: a misspelt name is told hours before its turn.
+
+    Raises:
+        ValueError: The network or the augmentation cannot be built like this.
+        FileNotFoundError: Weights of the backbone are not there.
+    """
+    data, weights = experiment.data, {"pretrained": False}  # nothing is downloaded
+    frozen_parts(Network(**network_arguments(experiment) | weights), experiment.training.freeze)
+    build_augment(experiment.augment, data.size, data.fit)
 
 
 def open_source(source: Source, experiment: Experiment, split: str, *, skip_broken: bool = False) -> Dataset:
@@ -199,4 +216,4 @@ def _name(source: Source, split: str) -> str:
     return " ".join([str(source.dataset), *map(str, names)])
 
 
-__all__ = ["FREE", "Job", "Shelf", "open_source", "plan"]
+__all__ = ["FREE", "Job", "Shelf", "check_parts", "open_source", "plan"]

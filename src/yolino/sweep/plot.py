@@ -11,7 +11,7 @@ import numpy as np
 from yolino.io import write_atomic
 from yolino.sweep.curves import Curve, read_curves
 from yolino.sweep.description import Group, Sweep
-from yolino.sweep.result import RUNS, Row
+from yolino.sweep.result import Row, run_folders
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +37,7 @@ def draw_curves(sweep: Sweep, rows: dict[str, Row], out: Path) -> Path | None:
         ModuleNotFoundError: Matplotlib is not installed.
         OSError: The file cannot be written.
     """
-    curves = {name: _of_row(name, row, out) for name, row in rows.items()}
+    curves = {name: _of_row(name, out) for name in rows}
     groups = [group for group in sweep.layout.groups if any(curves[row] for row in group.rows)]
     if not groups:
         return None
@@ -56,11 +56,9 @@ def draw_curves(sweep: Sweep, rows: dict[str, Row], out: Path) -> Path | None:
     return path
 
 
-def _of_row(name: str, row: Row, out: Path) -> list[dict[str, Curve]]:
+def _of_row(name: str, out: Path) -> list[dict[str, Curve]]:
     """Gives the curves of the runs of a row, finished or not, by seed."""
-    folders = sorted((out / RUNS).glob(f"{name}-seed*"))
-    mine = [folder for folder in folders if folder.name.removeprefix(f"{name}-seed").isdigit()]
-    found = [read_curves(folder) for folder in mine]
+    found = [read_curves(folder) for folder in run_folders(name, out).values()]
     return [curves for curves in found if "val/f1" in curves]
 
 

@@ -87,6 +87,16 @@ def run_name(row: str, seed: int) -> str:
     return f"{row}-seed{seed}"
 
 
+def run_folders(row: str, out: Path) -> dict[int, Path]:
+    """Gives the folders of all runs of a row, begun or finished, by seed."""
+    found = {}
+    for folder in (out / RUNS).glob("*-seed*"):  # names of rows may hold what `glob` takes for a pattern
+        match = re.fullmatch(r"(.*)-seed(\d+)", folder.name)
+        if match is not None and match[1] == row:
+            found[int(match[2])] = folder
+    return dict(sorted(found.items()))
+
+
 def read_result(folder: Path) -> Result | None:
     """Gives the result of the run in a folder, or None if it is not finished.
 
@@ -97,7 +107,7 @@ def read_result(folder: Path) -> Result | None:
     if not path.is_file():
         return None
     try:
-        return Result.model_validate_json(path.read_text(encoding="utf-8"))
+        return Result.model_validate_json(path.read_bytes())
     except ValidationError as error:
         said = explain(error, Result)
         raise ValueError(f"{path}: {said} Delete the folder {folder} to run it anew.") from error
@@ -111,16 +121,13 @@ def read_row(name: str, out: Path) -> Row:
     """
     results: dict[int, Result] = {}
     problems: dict[int, str] = {}
-    for folder in sorted((out / RUNS).glob("*-seed*")):
-        match = re.fullmatch(r"(.*)-seed(\d+)", folder.name)
-        if match is None or match[1] != name:
-            continue
-        seed, result = int(match[2]), read_result(folder)
+    for seed, folder in run_folders(name, out).items():
+        result = read_result(folder)
         if result is not None:
             results[seed] = result
         elif (folder / PROBLEM).is_file():
-            problems[seed] = (folder / PROBLEM).read_text(encoding="utf-8").splitlines()[0]
-    return Row(name, dict(sorted(results.items())), dict(sorted(problems.items())))
+            problems[seed] = (folder / PROBLEM).read_text(encoding="utf-8").partition("\n")[0]
+    return Row(name, results, problems)
 
 
 def write_problem(folder: Path, problem: str, error: BaseException | None = None) -> None:
@@ -138,6 +145,7 @@ __all__ = [
     "Row",
     "read_result",
     "read_row",
+    "run_folders",
     "run_name",
     "write_problem",
 ]

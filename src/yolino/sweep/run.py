@@ -14,7 +14,7 @@ from typing import NamedTuple
 from yolino.io import write_atomic
 from yolino.sweep.curves import last_step
 from yolino.sweep.description import METRICS, Sweep
-from yolino.sweep.jobs import Job, Shelf
+from yolino.sweep.jobs import Job, Shelf, check_parts
 from yolino.sweep.progress import Progress, Say, duration, listening
 from yolino.sweep.result import PROBLEM, Part, Result, write_problem
 from yolino.sweep.scoring import score_checkpoint
@@ -34,7 +34,7 @@ class Prospect(NamedTuple):
         step: The step that it goes on behind; 0 begins.
         missing: Which of its data is not there; "" if all is.
         parts: What it trains on and what it is scored on; None if unknown.
-        error: What is wrong with its data otherwise.
+        error: What else is wrong with it.
     """
 
     job: Job
@@ -79,10 +79,15 @@ def prospects(jobs: Sequence[Job], *, skip_broken: bool = False) -> list[Prospec
             continue
         step = last_step(job.folder) if (job.folder / LAST).is_file() else 0
         try:
+            check_parts(job.experiment)
+        except Exception as error:  # told with the others, when it is its turn
+            found.append(Prospect(job, error=error))
+            continue
+        try:
             found.append(Prospect(job, step=step, parts=shelf.parts(job)))
         except FileNotFoundError as error:
             found.append(Prospect(job, missing=reason(error)))
-        except (ValueError, OSError, ImportError) as error:  # told with the others, when it is its turn
+        except (ValueError, OSError, ImportError) as error:
             found.append(Prospect(job, error=error))
     return found
 

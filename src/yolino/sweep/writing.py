@@ -127,23 +127,21 @@ def as_csv(sweep: Sweep, rows: Mapping[str, Row]) -> str:
     scores = [f"{m}{end}" for m in (*METRICS, *LINES) for end in ("", "_min", "_max")]
     reported = [f"reported_{m}" for m in METRICS]
     runs = ["seeds", "steps", "minutes", "parameters"]
-    stream = io.StringIO()
-    writer = csv.DictWriter(
-        stream,
-        ["row", *sweep.layout.columns, *scores, *reported, *runs, "problem"],
-        lineterminator="\n",
-        restval="",
-    )
+    stream, fixed = io.StringIO(), ["row", *scores, *reported, *runs, "problem"]
+    # A setting that is called like one of these, such as `steps`, has its whole key.
+    names = {heading: key if heading in fixed else heading for heading, key in sweep.layout.columns.items()}
+    header = dict.fromkeys(["row", *names.values(), *fixed])
+    writer = csv.DictWriter(stream, list(header), lineterminator="\n", restval="")
     writer.writeheader()
     for row in rows.values():
-        writer.writerow(_flat(sweep, row))
+        told = {names[heading]: value for heading, value in settings(sweep, row).items()}
+        writer.writerow(told | _flat(sweep, row))
     return stream.getvalue()
 
 
 def _flat(sweep: Sweep, row: Row) -> dict[str, Any]:
     results = list(row.results.values())
-    line: dict[str, Any] = {**settings(sweep, row), "row": row.name}
-    line["problem"] = "; ".join(row.problems.values())
+    line: dict[str, Any] = {"row": row.name, "problem": "; ".join(row.problems.values())}
     for metric in (*METRICS, *LINES):
         value, two = mean(results, metric), spread(results, metric)
         line |= {metric: "" if value is None else f"{value:.5f}"}

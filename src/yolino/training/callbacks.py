@@ -60,6 +60,8 @@ class KeepBest(Callback):
 
     def on_validation_epoch_end(self, trainer: Trainer, pl_module: Any) -> None:
         """Scores, logs, and keeps the weights if they are the best so far."""
+        # Lightning's own count is one less, but not in a run that was continued.
+        pl_module.log("step", float(trainer.global_step))
         scores = pl_module.validation_scores()
         for name, value in scores.items():
             pl_module.log(f"val/{name}", value, sync_dist=True, prog_bar=name == "f1")

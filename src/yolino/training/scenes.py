@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 from io import BytesIO
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +82,7 @@ def _read(file: Path) -> list[NDArray[Any]] | None:
             return [np.load(stream, allow_pickle=False) for _ in range(4)]
     except FileNotFoundError:
         return None
-    except (ValueError, EOFError):
+    except (ValueError, EOFError, TokenError, BadZipFile):  # as NumPy takes what is no array
         logger.warning("%s is damaged, and written anew", file)
         return None
 

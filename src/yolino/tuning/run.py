@@ -138,8 +138,8 @@ def tune(
         share: Is told the share of the search that is done, 0..1.
 
     Raises:
-        ValueError: The dataset has too few images for the folds, an image is damaged, or an option is not
-            allowed.
+        ValueError: The dataset has too few images for the folds, or no labelled line, an image is damaged, or
+            an option is not allowed.
         FileNotFoundError: An image is missing.
     """
     options = Options() if options is None else options
@@ -147,9 +147,15 @@ def tune(
     objective = build_objective(options.objective, predictor.header, dataset)
     if len(dataset) < options.folds:
         raise ValueError(
-            f"The dataset has {len(dataset)} images, but {options.folds} folds need as many or more."
+            f"{options.folds} folds need as many images or more, but the dataset has {len(dataset)}: label "
+            "more images, or take fewer folds."
         )
     images = gather(predictor, dataset, space.lowest_threshold, progress=progress)
+    if not any(len(image.truth) for image in images):
+        raise ValueError(
+            f"None of the {len(images)} images has a labelled line, so finding nothing would be best: take "
+            "images with labels."
+        )
     groups = group_images([image.name for image in images], options.groups)
     blocks = split_blocks(groups, options.folds)
     total = options.trials * (1 + options.folds)
