@@ -6,11 +6,8 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from pydantic import ValidationError
-
-from yolino.config import Experiment, Source, differences, explain, load_experiment, read_yaml, suggest
+from yolino.config import Experiment, Source, load_experiment, suggest
 from yolino.datasets import Dataset
 from yolino.model.network import Network
 from yolino.sweep.description import Sweep
@@ -19,20 +16,7 @@ from yolino.training.callbacks import LAST
 from yolino.training.checks import check_experiment
 from yolino.training.data import build_augment, build_dataset
 from yolino.training.module import frozen_parts, network_arguments
-
-# What may differ between two parts of a run without making it another experiment. `name` is the row's.
-FREE = {
-    "name",
-    "out",
-    "data.cache",
-    "data.licence",
-    "data.description",
-    "training.workers",
-    "training.threads",
-    "training.devices",
-    "training.accelerator",
-    "training.compile",
-}
+from yolino.training.settings import changed_settings, read_settings, with_defaults
 
 
 @dataclass(frozen=True)
@@ -135,29 +119,17 @@ def _check_settings(job: Job, out: Path) -> None:
     for folder in run_folders(job.row, out).values():
         result = read_result(folder)
         if result is not None:
-            before = result.settings
+            before = with_defaults(result.settings, folder)
         elif folder == job.folder and (folder / LAST).is_file():
-            before = read_yaml(folder / "experiment.yaml")
+            before = read_settings(folder)
         else:
             continue
-        before = _with_defaults(before, folder)
-        seed = set() if folder == job.folder else {"training.seed"}
-        if changed := [key for key in differences(before, now) if key not in FREE | seed]:
+        free = {"name"} if folder == job.folder else {"name", "training.seed"}
+        if changed := [key for key in changed_settings(before, now) if key not in free]:
             raise ValueError(
                 f"{folder} is a run of {job.row} with other settings ({', '.join(changed)}): give another "
                 "--out, take the change back, or delete that folder to run it anew."
             )
-
-
-def _with_defaults(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Gives the settings of a run with the defaults of keys that are newer than it."""
-    try:
-        return Experiment.model_validate(settings).model_dump(mode="json")
-    except ValidationError as error:
-        said = explain(error, Experiment)
-        raise ValueError(
-            f"{folder} is a run of another version of yolino: {said} Give another --out, or delete it."
-        ) from error
 
 
 def check_parts(experiment: Experiment) -> None:
@@ -216,4 +188,4 @@ def _name(source: Source, split: str) -> str:
     return " ".join([str(source.dataset), *map(str, names)])
 
 
-__all__ = ["FREE", "Job", "Shelf", "check_parts", "open_source", "plan"]
+__all__ = ["Job", "Shelf", "check_parts", "open_source", "plan"]

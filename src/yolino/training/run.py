@@ -34,6 +34,7 @@ from yolino.training.checks import check_experiment
 from yolino.training.data import Examples, describe
 from yolino.training.loaders import build_loaders
 from yolino.training.module import TrainingModule
+from yolino.training.settings import SETTINGS, changed_settings, read_settings
 from yolino.training.start import start_from
 from yolino.training.waiting import Waiting, advice, from_worker
 
@@ -160,36 +161,14 @@ def _claim(folder: Path, experiment: Experiment) -> None:
     Raises:
         ValueError: The folder holds a run with other settings (the number of steps may grow).
     """
-    file = folder / "experiment.yaml"
+    file = folder / SETTINGS
     settings = experiment.model_dump(mode="json")
     if file.is_file() and (folder / LAST).is_file():
-        before = yaml.safe_load(file.read_text(encoding="utf-8"))
-        changed = _differences(before, settings)
-        if changed:
+        changed = changed_settings(read_settings(folder), settings)
+        if changed := [key for key in changed if key != "training.steps"]:
             raise ValueError(
                 f"{folder} holds a run with other settings ({', '.join(changed)}); "
                 "give this one another name=..., or delete that folder."
             )
     folder.mkdir(parents=True, exist_ok=True)
     write_atomic(file, yaml.safe_dump(settings, sort_keys=False))
-
-
-# What may change between a run and its continuation without making it another experiment.
-_FREE = (
-    "training.steps",
-    "training.workers",
-    "training.threads",
-    "training.devices",
-    "training.accelerator",
-    "training.compile",
-    "data.cache",
-    "out",
-)
-
-
-def _differences(a: Any, b: Any, key: str = "") -> list[str]:
-    """Names the keys whose values differ."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        names = list(dict.fromkeys([*a, *b]))
-        return [d for n in names for d in _differences(a.get(n), b.get(n), f"{key}.{n}".lstrip("."))]
-    return [] if a == b or key in _FREE else [key]
