@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import torch
@@ -13,7 +14,7 @@ from yolino.config import suggest
 from yolino.model.backbones import STRIDES, conv
 
 
-class Neck(nn.Module):
+class Neck(nn.Module, ABC):
     """What turns maps at strides 8, 16 and 32 into one map at the stride of the cells.
 
     Args:
@@ -37,9 +38,9 @@ class Neck(nn.Module):
                 f"upsample is {upsample}, but 0, 1 or 2 blocks are possible (cells of 32, 16 or 8 px)."
             )
 
+    @abstractmethod
     def forward(self, maps: Sequence[Tensor]) -> Tensor:
         """Gives one map at the stride of the cells."""
-        raise NotImplementedError
 
 
 class UpsamplingBlock(nn.Module):
