@@ -114,6 +114,25 @@ def test_cells_show_the_predictors_of_the_network(make_model: Make, tmp_path: Pa
         assert np.abs(near - color).sum(axis=1).min() < 150
 
 
+def test_cells_show_what_the_mirrored_image_gives(make_model: Make, tmp_path: Path, header: Header) -> None:
+    """The line of a cell is high in the left half of the image, low in the right one; mirrored, it is not."""
+    cells = np.stack(np.meshgrid(np.arange(4), np.arange(2)), axis=-1).reshape(-1, 1, 2) * 32.0
+    height = np.where(cells[:, 0, 0] < 64, 4.0, 28.0)
+    ways = np.stack([np.stack([np.full(8, x), height], axis=-1) for x in (2.0, 30.0)], axis=1)
+    for flip, seen in ((False, [False, True]), (True, [True, True])):
+        path = make_model(
+            tmp_path / f"{flip}.onnx",
+            header=dataclasses.replace(
+                header, stride=32, predictors=1, postprocess={**header.postprocess, "flip": flip}
+            ),
+            endpoints=(cells + ways).astype(np.float32),
+        )
+        drawn = draw("cells", path, bright(128, 256))
+        near = [drawn[row - 2 : row + 2, 208:220].reshape(-1, 3).astype(int) for row in (8, 56)]
+        assert [bool(np.abs(part - PALETTE[0]).sum(axis=1).min() < 150) for part in near] == seen
+        assert draw("stages", path, bright(128, 256)).ndim == 3
+
+
 def test_cells_of_a_window_model_cover_the_image(make_model: Make, tmp_path: Path, header: Header) -> None:
     """Each cell of 16 px has a line from left to right; nine windows are needed."""
     cells = np.stack(np.meshgrid(np.arange(8), np.arange(4)), axis=-1).reshape(-1, 1, 2) * 16.0

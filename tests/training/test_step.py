@@ -29,6 +29,7 @@ from yolino.training.losses import Criterion
 from yolino.training.matching import match
 from yolino.training.module import TrainingModule, fuses
 from yolino.training.targets import CellTargets, Targets, collate
+from yolino.types import Polylines, Segments
 
 CELLS, CLASSES = 6, 2
 
@@ -220,6 +221,24 @@ def test_the_step_decides_how_many_predictors_answer(
     with torch.no_grad():
         module.validation_step(batch, 0)
     assert asked == [2, 2, 1, 1, 1]
+
+
+@pytest.mark.parametrize(("flip", "recall"), [(False, 0.5), (True, 1.0)])
+def test_validation_sees_the_mirrored_image_where_a_predictor_does(
+    experiment: Any, monkeypatch: pytest.MonkeyPatch, flip: bool, recall: float
+) -> None:
+    module = TrainingModule(experiment(f"postprocess.flip={str(flip).lower()}"))
+    monkeypatch.setattr(module, "log_dict", lambda *_, **__: None)
+    batch = next(iter(build_loaders(experiment(), border=False)[1]))
+    left = [[10.0, 60.0], [10.0, 4.0]]
+    lines = Polylines.from_list([np.array(left), 96 - np.array([[10.0, 36.0], [10.0, 92.0]])])
+    one = Segments([left], [0.9])
+    monkeypatch.setattr(module, "segments", lambda prediction, size: [one] * len(prediction.confidence))
+    module.on_validation_epoch_start()
+    with torch.no_grad():
+        module.validation_step(batch._replace(polylines=(lines,) * len(batch.images)), 0)
+    scores = module.validation_scores()
+    assert (scores["recall"], scores["precision"]) == (recall, 1.0)
 
 
 def test_an_unknown_confidence_stops_before_training(experiment: Any) -> None:

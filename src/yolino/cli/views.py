@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from yolino.geometry import transform_points
 from yolino.grid import Grid
 from yolino.inference import Predictor, Stages
+from yolino.inference.flips import mirror_segments, with_mirrors
+from yolino.inference.rotations import join_views
 from yolino.inference.views import ImageRaster, view
 from yolino.inference.windows import STRIDE, owned_predictors
 from yolino.types import Output, Polylines, Segments
@@ -151,15 +153,20 @@ def _candidates(predictor: Predictor, image: Image) -> tuple[Segments, Int[np.nd
     header = predictor.header
     if header.fit != "window":
         pixels, matrix = predictor.preprocess(image)
-        output = predictor.engine(pixels[None])
-        found = _segments(output, np.ones(output.scores.shape[1], np.bool_))
-        numbers = np.arange(len(found)) % header.predictors
+        output = predictor.engine(with_mirrors(pixels[None]) if predictor.flip else pixels[None])
+        found = join_views(
+            [
+                _segments(output, i) if i == 0 else mirror_segments(_segments(output, i), header.size[1])
+                for i in range(len(output.scores))
+            ]
+        )
+        numbers = np.arange(len(found)) % header.predictors  # a mirror image has whole cells, too
         return found.with_endpoints(transform_points(found.endpoints, matrix)), numbers, matrix
     raster, parts, numbers_of = ImageRaster(image), [], []
     for window in predictor.plan(raster.size):
         pixels = view(raster, window, header.size, header.scale).rgb
         owned = owned_predictors(window, header)
-        part = _segments(predictor.engine(pixels[None]), owned)
+        part = _segments(predictor.engine(pixels[None]), 0)[owned]
         parts.append(part.with_endpoints(part.endpoints + np.array([window.left, window.top], np.float64)))
         numbers_of.append(np.flatnonzero(owned) % header.predictors)
     endpoints = np.concatenate([part.endpoints for part in parts]) / header.scale
@@ -167,8 +174,8 @@ def _candidates(predictor: Predictor, image: Image) -> tuple[Segments, Int[np.nd
     return found, np.concatenate(numbers_of), np.diag([1 / header.scale, 1 / header.scale, 1.0])
 
 
-def _segments(output: Output, wanted: Bool[np.ndarray, " n"]) -> Segments:
-    return Segments(output.endpoints[0][wanted], output.scores[0][wanted])
+def _segments(output: Output, index: int) -> Segments:
+    return Segments(output.endpoints[index], output.scores[index])
 
 
 def _extent(predictor: Predictor, image: Image) -> tuple[int, int]:

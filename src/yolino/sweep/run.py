@@ -127,6 +127,10 @@ def run_sweep(
             progress.tell(number, job, each.state)
             outcome.missing[name] = each.state
             write_problem(job.folder, each.state)
+        elif each.error is not None:
+            outcome.failed[name] = f"failed: {reason(each.error)}"
+            progress.tell(number, job, outcome.failed[name])
+            write_problem(job.folder, outcome.failed[name], each.error)
         else:
             try:
                 progress.begin(number, job, each.step)
@@ -141,8 +145,6 @@ def run_sweep(
 
 def _run(each: Prospect, progress: Progress, *, bar: bool, skip_broken: bool) -> Result:
     """Trains, scores, and writes the result."""
-    if each.error is not None:
-        raise each.error
     assert each.parts is not None
     job = each.job
     (job.folder / PROBLEM).unlink(missing_ok=True)

@@ -14,6 +14,8 @@ from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 
 from yolino.config import Experiment
+from yolino.inference.flips import mirror_segments
+from yolino.inference.rotations import join_views
 from yolino.metrics import PointMetric
 from yolino.model.network import Network
 from yolino.postprocess.nms import NMS
@@ -118,11 +120,17 @@ class TrainingModule(LightningModule):
         self.metrics = {t: PointMetric(directed=directed) for t in THRESHOLDS}
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        """Counts the points that the NMS's segments hit, at each threshold."""
-        prediction = self.network(batch.images.float())
+        """Counts the points that the NMS's segments hit, at each threshold; with `flip`, as a predictor does."""
+        images = batch.images.float()
+        prediction = self.network(images)
         losses, _ = self.criterion(prediction, batch.targets)
         self._log_losses("val", losses, len(batch.images))
-        for i, segments in enumerate(self.segments(prediction, batch.images.shape[-2:])):
+        every = self.segments(prediction, images.shape[-2:])
+        if self.experiment.postprocess.flip:
+            mirrored = self.segments(self.network(images.flip(-1)), images.shape[-2:])
+            back = [mirror_segments(segments, images.shape[-1]) for segments in mirrored]
+            every = [join_views(pair) for pair in zip(every, back, strict=True)]
+        for i, segments in enumerate(every):
             for threshold, metric in self.metrics.items():
                 found = self.nms(segments[segments.scores >= threshold])
                 metric.update(found, batch.polylines[i], self.experiment.data.size, batch.ignore[i])
