@@ -75,6 +75,14 @@ def test_classes_are_printed_and_in_the_report(
     assert "classes are not compared" in caplog.text
 
 
+def test_the_report_says_that_the_mirrored_image_was_seen(run: Run, model: Path, dataset: Path) -> None:
+    command = ("evaluate", "--model", model, "--root", dataset, "--save", "report")
+    assert run(*command)[0] == 0
+    assert "mirror" not in Path("report/report.md").read_text()
+    assert run(*command, "--flip")[0] == 0
+    assert "each image and its mirror image" in Path("report/report.md").read_text()
+
+
 def test_synthetic_data_needs_no_root(run: Run, model: Path) -> None:
     arguments = ["--dataset", "synthetic", "--option", "length=2", "--json"]
     code, out, _ = run("evaluate", "--model", model, *arguments)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import errno
 import json
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +88,17 @@ def test_the_threshold_is_used(run: Run, model: Path, photo: Path) -> None:
     assert code == 0
     assert "1 image, 0 polylines" in out
     assert json.loads(Path("yolino-out/photo.json").read_text())["polylines"] == []
+
+
+def test_the_mirrored_image_is_seen_where_asked_for(
+    run: Run, make_model: Callable[..., Path], tmp_path: Path, tiny_endpoints: np.ndarray, photo: Path
+) -> None:
+    """The model says the same of all it sees: of the mirror image, too, a line at the left."""
+    left = make_model(tmp_path / "left.onnx", endpoints=tiny_endpoints[:4])
+    for number, option in enumerate([(), ("--no-flip",), ("--flip",)]):
+        assert run("predict", photo, "--model", left, "--out", f"{number}", "--no-images", *option)[0] == 0
+    counts = [len(json.loads(Path(f"{i}/photo.json").read_text())["polylines"]) for i in range(3)]
+    assert counts == [1, 1, 2]
 
 
 def test_the_tusimple_format_is_one_file_of_json_lines(run: Run, model: Path) -> None:

@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ import numpy as np
 import pytest
 
 from striped_model import make_striped_model, striped_header
+from yolino.header import Header
 from yolino.io import read_result
 
 from .conftest import Run
@@ -303,6 +306,20 @@ def test_a_model_for_whole_images_goes_over_a_scene_if_a_scale_is_given(run: Run
         "The model default was trained on whole images; it goes over scene.tif in windows of 320 x 640.\n"
     )
     assert "1 window, " in out
+
+
+def test_windows_of_a_model_for_mirrored_images_are_not_mirrored(
+    run: Run, make_model: Callable[..., Path], tmp_path: Path, header: Header
+) -> None:
+    write("scene.tif", drawn())
+    said = replace(header, postprocess={**header.postprocess, "flip": True})
+    cells = np.stack(np.meshgrid(np.arange(8), np.arange(4)), axis=-1).reshape(-1, 1, 2) * 16.0
+    model = make_model(tmp_path / "flip.onnx", header=said, endpoints=cells + [[2.0, 8.0], [14.0, 8.0]])
+    command = ("predict", "scene.tif", "--model", model, "--out", "a.geojson", "--scale", 1)
+    code, _, err = run(*command, "--flip")
+    assert (code, "--flip and --no-flip are for images and videos" in err) == (2, True)
+    code, _, err = run(*command)
+    assert code == 0, err
 
 
 def test_the_scale_is_that_of_the_network(run: Run, striped: Path) -> None:

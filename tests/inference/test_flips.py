@@ -117,8 +117,21 @@ def test_warming_up_sees_as_many_images_as_predicting(
 
 def test_windows_are_not_mirrored(striped: Predictor) -> None:
     header = replace(striped.header, fit="window", postprocess={"flip": True})
-    with pytest.raises(ValueError, match="nothing is mirrored: use rotations"):
+    with pytest.raises(ValueError, match=r"\(rotations\) and nothing is mirrored: leave flip out"):
         Predictor(striped.engine, header)
+    with pytest.raises(ValueError, match="nothing is mirrored"):
+        Predictor(striped.engine, replace(header, postprocess={}), flip=True)
+    assert not Predictor(striped.engine, header, flip=False).flip
+
+
+def test_the_caller_decides_against_the_header(
+    make_model: Callable[..., Path], tmp_path: Path, header: Header, tiny_endpoints: np.ndarray
+) -> None:
+    bright = np.full((64, WIDTH, 3), 200, np.uint8)
+    for wanted in (False, True):
+        said = replace(header, postprocess={**header.postprocess, "flip": wanted})
+        path = make_model(tmp_path / f"{wanted}.onnx", header=said, endpoints=tiny_endpoints[:4])
+        assert [len(load(path, flip=flip)(bright)) for flip in (None, False, True)] == [1 + wanted, 1, 2]
 
 
 def test_the_header_says_true_or_false(header: Header) -> None:

@@ -14,6 +14,7 @@ from yolino.cli.options import (
     DatasetName,
     Device,
     Engine,
+    Flip,
     Labels,
     Model,
     More,
@@ -60,6 +61,7 @@ def evaluate(
     engine: Engine = "auto",
     device: Device = "auto",
     precision: Precision = "auto",
+    flip: Flip = None,
     metric: Annotated[
         list[str] | None,
         typer.Option(
@@ -102,7 +104,7 @@ def evaluate(
 
     if groups not in ("image", "folder"):
         raise ValueError(f"--groups is {groups!r}; use image or folder.")
-    predictor = Predictor(EngineChoice(engine, device, precision).open(model), threshold=threshold)
+    predictor = Predictor(EngineChoice(engine, device, precision).open(model), threshold=threshold, flip=flip)
     chosen = Selection(data, split, dataset, root, labels or (), option or (), skip_broken)
     samples = open_or_tell(chosen, classes=predictor.header.classes)
     if option_of_metric and not metric:
@@ -165,8 +167,9 @@ def _facts(model: str, predictor: Predictor, groups: str) -> list[str]:
     from importlib.metadata import version
 
     drawn = "images" if groups == "image" else "whole folders of images"
+    mirrored = ", each image and its mirror image" if predictor.flip else ""
     return [
-        f"Model: {model} with {predictor.engine.name} ({predictor.engine.device})",
+        f"Model: {model} with {predictor.engine.name} ({predictor.engine.device}){mirrored}",
         f"Segments with a score of at least {predictor.threshold:g}",
         f"Intervals: percentile bootstrap, 1,000 draws of {drawn}",
         f"yolino {version('yolino')}",

@@ -26,6 +26,7 @@ def predict_images(
     *,
     model: str,
     threshold: float | None,
+    flip: bool | None,
     out: Path,
     format: str,
     choice: EngineChoice,
@@ -51,7 +52,8 @@ def predict_images(
         cold = compiled and not are_kept()
         once = " (once after an installation, kernels are compiled: up to a minute)" if cold else ""
         with busy(f"loading the model{once}", long=cold):
-            predictor = Predictor(replace(choice, streams=streams).open(model), threshold=threshold)
+            opened = replace(choice, streams=streams).open(model)
+            predictor = Predictor(opened, threshold=threshold, flip=flip)
             if compiled:
                 predictor.warm_up()
         start = _start(time.perf_counter() - began, cold=cold)

@@ -33,6 +33,14 @@ Threshold = Annotated[
         "--threshold", "-t", min=0, max=1, help="Lowest score of a segment.", show_default="the model's"
     ),
 ]
+Flip = Annotated[
+    bool | None,
+    typer.Option(
+        "--flip/--no-flip",
+        help="See the mirrored image, too: better lines, twice the time.",
+        show_default="the model's",
+    ),
+]
 Data = Annotated[
     Path | None,
     typer.Option("--data", metavar="data.yaml|DIR", help="A dataset: its description, or its folder."),
@@ -69,6 +77,7 @@ __all__ = [
     "DatasetName",
     "Device",
     "Engine",
+    "Flip",
     "Labels",
     "Model",
     "More",

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from yolino.cli.options import Device, Engine, Model, Precision, Threshold
+from yolino.cli.options import Device, Engine, Flip, Model, Precision, Threshold
 
 EPILOG = """
 **Examples**
@@ -63,6 +63,7 @@ def predict(
     engine: Engine = "auto",
     device: Device = "auto",
     precision: Precision = "auto",
+    flip: Flip = None,
     images: Annotated[
         bool | None,
         typer.Option(
@@ -135,17 +136,21 @@ def predict(
             video,
             model=model,
             threshold=threshold,
+            flip=flip,
             choice=choice,
             pictures=images is not False,
             format=format,
             view="lines" if view is None else view,
         )
     if is_scene(out, scene, format, pictures=images, view=view):
+        if flip is not None:
+            raise ValueError("--flip and --no-flip are for images and videos, not for a scene: leave it out.")
         return predict_scene(sources, Path(out), scene, model=model, threshold=threshold, choice=choice)
     return predict_images(
         sources,
         model=model,
         threshold=threshold,
+        flip=flip,
         out=Path(out),
         format=format,
         choice=choice,

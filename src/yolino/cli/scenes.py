@@ -190,7 +190,8 @@ def _load(
         _check_cells(scale, path, size, header)
         if header.fit != "window":
             _say(f"The model {header.name} was trained on whole images; it goes over {path} in {windows}.")
-        header = replace(header, fit="window", scale=float(scale))
+        postprocess = {key: value for key, value in header.postprocess.items() if key != "flip"}
+        header = replace(header, fit="window", scale=float(scale), postprocess=postprocess)
     return Predictor(engine, header, threshold=threshold, overlap=options.overlap)
 
 

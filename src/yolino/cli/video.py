@@ -61,6 +61,7 @@ def predict_videos(
     *,
     model: str,
     threshold: float | None,
+    flip: bool | None,
     choice: EngineChoice,
     pictures: bool = True,
     format: str = "json",
@@ -74,6 +75,7 @@ def predict_videos(
         options: What only videos have.
         model: Name or file of the model.
         threshold: Lowest score of a segment; None for the model's.
+        flip: Whether the network also sees the mirrored frame; None for the model's choice.
         choice: What runs the network, and how.
         pictures: Whether to write a video.
         format: "json": other formats of results have no times.
@@ -105,7 +107,7 @@ def predict_videos(
             try:
                 if predictor is None:
                     with busy("loading the model (once after an installation, up to a minute)"):
-                        predictor = Predictor(choice.open(model), threshold=threshold)
+                        predictor = Predictor(choice.open(model), threshold=threshold, flip=flip)
                         predictor.warm_up()
                         warm_up()
                 tracker = None if options.track is False else _tracker(predictor, bool(options.smooth))

@@ -61,6 +61,7 @@ def load(
     threads: int | None = None,
     streams: int = 1,
     threshold: float | None = None,
+    flip: bool | None = None,
     linker: Linker | None = None,
 ) -> Predictor:
     """Gives a predictor: `yolino.load()(image)` is a `Polylines`.
@@ -76,6 +77,8 @@ def load(
         threads: Threads of the network on a processor; None lets the engine decide.
         streams: Threads that will call the predictor at once; they share the threads of the network.
         threshold: Lowest score of a segment; the model's own by default.
+        flip: Whether the network also sees the mirrored image: better lines for twice the time; as the model
+            says by default.
         linker: Joins segments to polylines, in place of the model's own.
 
     Raises:
@@ -85,7 +88,7 @@ def load(
         ModuleNotFoundError: If the engine is not installed.
     """
     choice = EngineChoice(engine, device, precision, threads, streams)
-    return Predictor(choice.open(model), threshold=threshold, linker=linker)
+    return Predictor(choice.open(model), threshold=threshold, flip=flip, linker=linker)
 
 
 __all__ = ["EngineChoice", "load", "model_path"]

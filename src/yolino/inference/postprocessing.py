@@ -28,16 +28,21 @@ def build_quarters(header: Header) -> tuple[int, ...]:
     return QUARTERS[rotations]
 
 
-def build_flip(header: Header) -> bool:
+def build_flip(header: Header, flip: bool | None = None) -> bool:
     """Gives whether the network also sees the mirrored image.
+
+    Args:
+        header: What the model file says about itself.
+        flip: What the caller wants; the header's by default.
 
     Raises:
         ValueError: The model sees windows, which are turned instead.
     """
-    flip = bool(header.postprocess.get("flip", False))
+    flip = bool(header.postprocess.get("flip", False)) if flip is None else flip
     if flip and header.fit == "window":
         raise ValueError(
-            'The header\'s flip is true, but with the fit "window" nothing is mirrored: use rotations.'
+            f'flip is true, but the model {header.name} has the fit "window", with which windows are turned '
+            "(rotations) and nothing is mirrored: leave flip out."
         )
     return flip
 

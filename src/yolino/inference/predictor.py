@@ -70,13 +70,15 @@ class Predictor:
 
     Post-processing happens in the frame of the network, so its parameters hold at every image size. A model
     whose fit is "window" goes over each image in windows; their segments are joined before one NMS and one
-    linking, in the frame of the whole image at the network's scale. If the header says `flip`, the network
+    linking, in the frame of the whole image at the network's scale. With `flip` the network
     sees each image and its mirror image, in one batch; the segments of both are joined before the NMS.
 
     Args:
         engine: Loaded network.
         header: What the model file says about itself; the engine's by default.
         threshold: Lowest score of a segment, 0..1; the header's by default.
+        flip: Whether the network also sees the mirrored image, which takes twice the time; the header's by
+            default.
         nms: Merges segments; by default the header's `NMS`.
         linker: Joins segments to polylines; by default the header's. In batches of eight and more, it and
             the NMS are called by several threads at once.
@@ -93,6 +95,7 @@ class Predictor:
         header: Header | None = None,
         *,
         threshold: float | None = None,
+        flip: bool | None = None,
         nms: Suppressor | None = None,
         linker: Linker | None = None,
         batch_size: int = 4,
@@ -108,7 +111,7 @@ class Predictor:
         self.threshold = float(threshold)
         self.preprocess = Preprocess(header.size, header.fit)
         self.overlap = overlap
-        self.quarters, self.flip = build_quarters(header), build_flip(header)
+        self.quarters, self.flip = build_quarters(header), build_flip(header, flip)
         if header.fit == "window":
             self.plan(header.size)  # says now what is wrong with the overlap
         self.nms = build_nms(header) if nms is None else nms

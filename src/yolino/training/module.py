@@ -120,7 +120,7 @@ class TrainingModule(LightningModule):
         self.metrics = {t: PointMetric(directed=directed) for t in THRESHOLDS}
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        """Counts the points that the NMS's segments hit, at each threshold; with `flip`, as a predictor does."""
+        """Counts the points that the NMS's segments hit, at each threshold; with `flip` of both views."""
         images = batch.images.float()
         prediction = self.network(images)
         losses, _ = self.criterion(prediction, batch.targets)
