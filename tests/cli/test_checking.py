@@ -82,7 +82,7 @@ def test_what_leaks_by_folder_is_a_notice_and_depends_on_the_folder(run: Run, dr
     assert "clips: 2 images in train, 1 in val" in out
     code, _, err = run("datasets", "check", "--data", drive, "--by", "clip")
     assert code == 2
-    assert err.startswith("Error: by is 'clip'; use auto, image")
+    assert err.startswith("Error: The grouping 'clip' is unknown; use auto, image")
 
 
 def test_images_that_are_cut_are_found_even_where_pixels_are_not_looked_at(run: Run, drive: Path) -> None:

@@ -56,7 +56,7 @@ def test_json_is_one_object_and_nothing_else(run: Run, model: Path, dataset: Pat
     ("arguments", "message"),
     [
         (["--prior", "tarin"], "--prior 'tarin' is no file or folder, and no split of"),
-        (["--groups", "drive"], "--groups is 'drive'; use image or folder."),
+        (["--groups", "drive"], "The grouping 'drive' is unknown; use auto, image"),
         (["--split", "test"], "has no split 'test'"),
     ],
 )

@@ -83,6 +83,16 @@ def test_the_report_says_that_the_mirrored_image_was_seen(run: Run, model: Path,
     assert "each image and its mirror image" in Path("report/report.md").read_text()
 
 
+def test_intervals_come_from_clips_where_asked_for(run: Run, model: Path, dataset: Path) -> None:
+    command = ("evaluate", "--model", model, "--root", dataset, "--save", "report")
+    assert run(*command, "--groups", "regex:(.)")[0] == 0
+    assert "1,000 draws of groups of images (regex:(.))" in Path("report/report.md").read_text()
+    code, _, err = run(*command, "--groups", "regex:(drive)")
+    assert (code, "does not match" in err) == (2, True)
+    code, _, err = run(*command, "--groups", "drive")
+    assert (code, "The grouping 'drive' is unknown; use auto, image" in err) == (2, True)
+
+
 def test_synthetic_data_needs_no_root(run: Run, model: Path) -> None:
     arguments = ["--dataset", "synthetic", "--option", "length=2", "--json"]
     code, out, _ = run("evaluate", "--model", model, *arguments)

@@ -314,7 +314,9 @@ def test_windows_of_a_model_for_mirrored_images_are_not_mirrored(
     write("scene.tif", drawn())
     said = replace(header, postprocess={**header.postprocess, "flip": True})
     cells = np.stack(np.meshgrid(np.arange(8), np.arange(4)), axis=-1).reshape(-1, 1, 2) * 16.0
-    model = make_model(tmp_path / "flip.onnx", header=said, endpoints=cells + [[2.0, 8.0], [14.0, 8.0]])
+    model = make_model(
+        tmp_path / "flip.onnx", header=said, endpoints=cells + np.array([[2.0, 8.0], [14.0, 8.0]])
+    )
     command = ("predict", "scene.tif", "--model", model, "--out", "a.geojson", "--scale", 1)
     code, _, err = run(*command, "--flip")
     assert (code, "--flip and --no-flip are for images and videos" in err) == (2, True)

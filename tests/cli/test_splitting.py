@@ -154,7 +154,7 @@ def test_images_that_look_alike_in_two_splits_are_a_warning(run: Run, data: Path
         (["--shares", "train=inf"], "share above 0"),
         (["--shares", "a/b=1"], "'a/b' is no name of a split"),
         (["--shares", "a=1,b=1,c=1", "--by", "2"], "There are 2 groups of images by '2' for 3 splits"),
-        (["--by", "clip"], "by is 'clip'"),
+        (["--by", "clip"], "grouping 'clip' is unknown"),
         (["--by", "regex:(tuesday)"], "does not match clips/monday/1.png"),
         (["--option", "names=gone.txt"], "gone.txt"),
     ],

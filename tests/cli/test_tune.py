@@ -81,7 +81,7 @@ def test_json_is_one_object_and_nothing_else(run: Run, model: Path, dataset: Pat
         (["tiny.onnx", "--root", "data", "--linker", "net"], "The linker 'net' is unknown"),
         (["tiny.onnx", "--root", "data", "--only", "treshold"], "did you mean 'threshold'"),
         (["tiny.onnx", "--root", "data", "--out", "a.xml"], "a.xml must end in .onnx"),
-        (["tiny.onnx", "--root", "data", "--groups", "drive"], "by is 'drive'; use auto"),
+        (["tiny.onnx", "--root", "data", "--groups", "drive"], "The grouping 'drive' is unknown; use auto"),
         (["tiny.onnx", "--data", "none.yaml"], "none.yaml"),
     ],
 )

@@ -34,7 +34,7 @@ def test_folders_that_hold_anything_are_told_by_name_whatever_their_case():
 
 @pytest.mark.parametrize("by", ["", "0", "-1", "1.5", "folders", "regex"])
 def test_an_unknown_way_is_told(by):
-    with pytest.raises(ValueError, match=f"by is {by!r}; use auto, image, folder"):
+    with pytest.raises(ValueError, match=f"The grouping {by!r} is unknown; use auto, image, folder"):
         group_names(NAMES, by)
 
 

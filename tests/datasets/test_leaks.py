@@ -142,7 +142,7 @@ def test_one_clip_in_two_splits_is_found_as_it_is_asked_for(tmp_path: Path):
     (leak,) = compare(tmp_path, splits, by="1").leaks
     assert leak.detail == "d: 3 images in train, 2 in val"
     assert compare(tmp_path, splits, by="image").leaks == ()
-    with pytest.raises(ValueError, match="by is 'clip'"):
+    with pytest.raises(ValueError, match="grouping 'clip' is unknown"):
         compare(tmp_path, splits, by="clip")
 
 

@@ -111,7 +111,7 @@ def test_auto_is_the_level_that_is_chosen():
         (["1.jpg"], {"a": float("nan")}, "image", "got a=nan"),
         (["1.jpg", "2.jpg"], {"a": 1, "b": 1}, "folder", "1 groups of images by 'folder' for 2 splits"),
         (["1.jpg"], {"a": 1, "b": 1}, "auto", "1 groups of images by 'image' for 2 splits"),
-        (["1.jpg"], {"a": 1}, "clip", "by is 'clip'"),
+        (["1.jpg"], {"a": 1}, "clip", "grouping 'clip' is unknown"),
     ],
 )
 def test_mistakes_are_told(names, shares, by, message):

@@ -13,6 +13,7 @@ from yolino.cli.options import (
     DatasetName,
     Device,
     Engine,
+    Groups,
     Labels,
     More,
     Precision,
@@ -20,6 +21,7 @@ from yolino.cli.options import (
     SkipBroken,
     Split,
     Threshold,
+    drawn_for_intervals,
 )
 
 if TYPE_CHECKING:
@@ -66,12 +68,7 @@ def diagnose(
     engine: Engine = "auto",
     device: Device = "auto",
     precision: Precision = "auto",
-    groups: Annotated[
-        str,
-        typer.Option(
-            "--groups", metavar="image|folder", help="What is drawn for the intervals: images, or folders."
-        ),
-    ] = "image",
+    groups: Groups = "image",
     save: Annotated[
         Path | None,
         typer.Option("--save", metavar="DIR", help="Folder for a report and pictures of the worst images."),
@@ -81,13 +78,13 @@ def diagnose(
     """Find out where a model loses its score: steps are replaced by the truth, one after the other."""
     from yolino.cli.labels import Selection, open_or_tell
     from yolino.cli.screen import track
+    from yolino.datasets.grouping import grouping
     from yolino.evaluate.diagnosis import diagnose as run
     from yolino.evaluate.diagnosis_report import write_diagnosis
     from yolino.evaluate.prior import find_prior
     from yolino.inference import EngineChoice, Predictor
 
-    if groups not in ("image", "folder"):
-        raise ValueError(f"--groups is {groups!r}; use image or folder.")
+    group = None if groups == "image" else grouping(groups)
     predictor = Predictor(EngineChoice(engine, device, precision).open(model), threshold=threshold)
     chosen = Selection(data, split, dataset, root, labels or (), option or (), skip_broken)
     samples = open_or_tell(chosen, classes=predictor.header.classes)
@@ -100,7 +97,7 @@ def diagnose(
         predictor,
         samples,
         prior=medoid,
-        groups=None if groups == "image" else lambda name: Path(name).parent.as_posix(),
+        groups=group,
         progress=lambda indices: track(indices, "diagnosing"),
     )
     title = f"{predictor.header.name} on {data or dataset or 'tusimple'}{f' ({split})' if split else ''}"
@@ -127,12 +124,11 @@ def _training_labels(prior: str, data: Path | None) -> Dataset:
 def _facts(predictor: Any, model: str, groups: str, prior: str | None) -> list[str]:
     from importlib.metadata import version
 
-    drawn = "images" if groups == "image" else "whole folders of images"
     return [
         f"Model: {model} with {predictor.engine.name} ({predictor.engine.device})",
         f"Segments with a score of at least {predictor.threshold:g}",
         *([] if prior is None else [f"No image: the lines of {prior} everywhere"]),
-        f"Intervals: percentile bootstrap, 1,000 draws of {drawn}",
+        f"Intervals: percentile bootstrap, 1,000 draws of {drawn_for_intervals(groups)}",
         f"yolino {version('yolino')}",
     ]
 

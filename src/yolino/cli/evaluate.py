@@ -15,6 +15,7 @@ from yolino.cli.options import (
     Device,
     Engine,
     Flip,
+    Groups,
     Labels,
     Model,
     More,
@@ -23,6 +24,7 @@ from yolino.cli.options import (
     SkipBroken,
     Split,
     Threshold,
+    drawn_for_intervals,
 )
 
 if TYPE_CHECKING:
@@ -74,14 +76,7 @@ def evaluate(
     radius: Radius = None,
     undirected: Undirected = False,
     option_of_metric: MetricOption = None,
-    groups: Annotated[
-        str,
-        typer.Option(
-            "--groups",
-            metavar="image|folder",
-            help="What is drawn for the intervals: images, or folders.",
-        ),
-    ] = "image",
+    groups: Groups = "image",
     save: Annotated[
         Path | None,
         typer.Option(
@@ -98,12 +93,12 @@ def evaluate(
     from yolino.cli.labels import Selection, open_or_tell
     from yolino.cli.metrics import build_metric
     from yolino.cli.screen import track
+    from yolino.datasets.grouping import grouping
     from yolino.evaluate import evaluate as run
     from yolino.evaluate import label_map, point_radius, write_report
     from yolino.inference import EngineChoice, Predictor
 
-    if groups not in ("image", "folder"):
-        raise ValueError(f"--groups is {groups!r}; use image or folder.")
+    group = None if groups == "image" else grouping(groups)
     predictor = Predictor(EngineChoice(engine, device, precision).open(model), threshold=threshold, flip=flip)
     chosen = Selection(data, split, dataset, root, labels or (), option or (), skip_broken)
     samples = open_or_tell(chosen, classes=predictor.header.classes)
@@ -125,7 +120,7 @@ def evaluate(
         predictor,
         samples,
         metrics=metrics or None,
-        groups=None if groups == "image" else lambda name: Path(name).parent.as_posix(),
+        groups=group,
         save=save,
         progress=lambda indices: track(indices, "evaluating"),
     )
@@ -166,11 +161,10 @@ def _print(found: Evaluation, title: str) -> None:
 def _facts(model: str, predictor: Predictor, groups: str) -> list[str]:
     from importlib.metadata import version
 
-    drawn = "images" if groups == "image" else "whole folders of images"
     mirrored = ", each image and its mirror image" if predictor.flip else ""
     return [
         f"Model: {model} with {predictor.engine.name} ({predictor.engine.device}){mirrored}",
         f"Segments with a score of at least {predictor.threshold:g}",
-        f"Intervals: percentile bootstrap, 1,000 draws of {drawn}",
+        f"Intervals: percentile bootstrap, 1,000 draws of {drawn_for_intervals(groups)}",
         f"yolino {version('yolino')}",
     ]

@@ -33,6 +33,14 @@ Threshold = Annotated[
         "--threshold", "-t", min=0, max=1, help="Lowest score of a segment.", show_default="the model's"
     ),
 ]
+Groups = Annotated[
+    str,
+    typer.Option(
+        "--groups",
+        metavar="auto|image|folder|N|regex:...",
+        help="What is drawn for the intervals: images, clips (auto), folders, or their first N.",
+    ),
+]
 Flip = Annotated[
     bool | None,
     typer.Option(
@@ -71,6 +79,13 @@ More = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else on stdout.")]
 
+
+def drawn_for_intervals(groups: str) -> str:
+    """Gives what `--groups` draws, in words."""
+    known = {"image": "images", "auto": "clips", "folder": "whole folders of images"}
+    return known.get(groups, f"groups of images ({groups})")
+
+
 __all__ = [
     "AsJson",
     "Data",
@@ -78,6 +93,7 @@ __all__ = [
     "Device",
     "Engine",
     "Flip",
+    "Groups",
     "Labels",
     "Model",
     "More",
@@ -86,4 +102,5 @@ __all__ = [
     "SkipBroken",
     "Split",
     "Threshold",
+    "drawn_for_intervals",
 ]

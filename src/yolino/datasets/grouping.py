@@ -28,11 +28,20 @@ def group_names(names: Sequence[str], by: str = "auto") -> list[str]:
     Raises:
         ValueError: `by` is none of these, or the expression is wrong or does not match a name.
     """
-    group = _grouping(by)
-    return [group(name.lstrip("/")) for name in names]
+    return [*map(grouping(by), names)]
 
 
-def _grouping(by: str) -> Callable[[str], str]:
+def grouping(by: str) -> Callable[[str], str]:
+    """Gives the function from the name of an image to its group, see `group_names`.
+
+    Raises:
+        ValueError: `by` is no such grouping; or, when it is called, the expression does not match the name.
+    """
+    group = _of_bare_name(by)
+    return lambda name: group(name.lstrip("/"))
+
+
+def _of_bare_name(by: str) -> Callable[[str], str]:
     if by == "image":
         return lambda name: name
     if by == "folder":
@@ -44,7 +53,8 @@ def _grouping(by: str) -> Callable[[str], str]:
     if by.startswith(_REGEX):
         return _by_expression(by.removeprefix(_REGEX))
     raise ValueError(
-        f"by is {by!r}; use auto, image, folder, a number of folders like 2, or regex: and an expression."
+        f"The grouping {by!r} is unknown; use auto, image, folder, a number of folders like 2, or regex: and "
+        "an expression."
     )
 
 
@@ -71,4 +81,4 @@ def _by_expression(expression: str) -> Callable[[str], str]:
     return group
 
 
-__all__ = ["CONTAINERS", "group_names"]
+__all__ = ["CONTAINERS", "group_names", "grouping"]

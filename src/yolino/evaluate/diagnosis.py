@@ -133,9 +133,11 @@ def diagnose(
     radius = point_radius(predictor.header)
     boards = {name: Scoreboard(dataset, directed=directed, radius=radius) for name in oracles}
     lines: dict[str, list[Polylines]] = {name: [] for name in oracles}
-    causes, names = _Causes(), list[str]()
+    causes, names, members = _Causes(), list[str](), list[str]()
     for seen in _each_image(predictor, dataset, oracles, progress):
         names.append(seen.sample.name)
+        if groups is not None:
+            members.append(groups(seen.sample.name))
         for name, found in seen.found.items():
             boards[name].add(seen.place, seen.sample, seen.size, found)
             lines[name].append(found.polylines)
@@ -146,7 +148,7 @@ def diagnose(
             f"None of the {len(names)} images has a labelled line, so nothing can be missing: take images "
             "with labels."
         )
-    draws = draw_weights(len(names), None if groups is None else [groups(name) for name in names])
+    draws = draw_weights(len(names), None if groups is None else members)
     return _diagnosis(
         {name: (each.title, boards[name]) for name, each in oracles.items()},
         draws,

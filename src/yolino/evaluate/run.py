@@ -103,7 +103,7 @@ def evaluate(
         raise ValueError("The dataset has no samples: check the root and the label files.")
     scores = _Scores(predictor, dataset, metrics)
     pictures = WorstImages(worst if save is not None else 0)
-    names: list[str] = []
+    members: list[str] = []
     predictor.warm_up()
     for index in progress(range(len(dataset))):
         sample = dataset[index]
@@ -112,13 +112,14 @@ def evaluate(
         stages = predictor.stages(image)
         match = scores.add(index, sample, image, stages, (time.perf_counter() - start) * 1e3)
         pictures.add(sample, match)
-        names.append(sample.name)
+        if groups is not None:
+            members.append(groups(sample.name))  # now: what is wrong with it must not cost the work
     written: Sequence[BadImage] = ()
     if save is not None:
         if scores.records:
             write_records(save / SUBMISSION, scores.records)
         written = pictures.write(save)
-    found, intervals = scores.compute(None if groups is None else [groups(name) for name in names])
+    found, intervals = scores.compute(None if groups is None else members)
     return Evaluation(found, intervals, written, *scores.confusions())
 
 
