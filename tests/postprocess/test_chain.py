@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from yolino.postprocess import ChainLinker
 from yolino.types import Segments
@@ -114,6 +116,46 @@ def test_segments_that_overlap_do_not_fold_the_line(chain: Chain, join: Chain) -
     assert (np.diff(line[:, 1]) < 0).all()
 
 
+@given(
+    scores=st.lists(st.sampled_from([0.2, 0.4, 0.6, 0.8]), min_size=1, max_size=12),
+    lowest=st.floats(0.1, 0.9),
+)
+def test_weak_segments_leave_the_ends_and_nothing_else(
+    chain: Chain, scores: list[float], lowest: float
+) -> None:
+    line = chain(column(40, 0, len(scores)))
+    every = Segments(line.endpoints, scores)
+    strong = [i for i, score in enumerate(scores) if score >= lowest]
+    options = {"min_length_cells": 0.0, "duplicate_radius_cells": 0.0}
+    found = ChainLinker(16.0, min_end_score=lowest, **options)(every)
+    if not strong:
+        assert len(found) == 0
+        return
+    wanted = ChainLinker(16.0, **options)(every[np.arange(strong[0], strong[-1] + 1)])
+    np.testing.assert_allclose(found.vertices, wanted.vertices)
+    np.testing.assert_allclose(found.scores, wanted.scores)
+
+
+def test_weak_ends_are_taken_off_after_gaps_are_joined(chain: Chain, join: Chain) -> None:
+    """A weak part between two strong ones bridges the gaps; the same part at an end goes."""
+    parts = [chain(column(40, first, first + 4), score) for first, score in ((0, 0.9), (7, 0.5), (14, 0.9))]
+    (line,) = ChainLinker(16.0, min_end_score=0.8)(join(*parts))
+    assert line[[0, -1], 1] == pytest.approx([320, 320 - 16 * 18], abs=0.1)
+    (line,) = ChainLinker(16.0, min_end_score=0.8)(join(*parts[:2]))
+    assert line[[0, -1], 1] == pytest.approx([320, 320 - 16 * 4], abs=0.1)
+
+
+def test_a_weak_ring_stays_and_a_weak_line_goes(chain: Chain, join: Chain) -> None:
+    a = np.linspace(0, 2 * np.pi, 41)
+    ring = chain(np.stack([200 + 100 * np.cos(a), 160 + 100 * np.sin(a)], axis=1), 0.5)
+    every = join(chain(column(400, 0, 8), 0.5), ring, chain(column(600, 0, 8), 0.9, 1))
+    found = ChainLinker(16.0, min_end_score=0.7)(every)
+    assert sorted(zip(found.scores.round(3).tolist(), found.labels.tolist(), strict=True)) == [
+        (0.5, 0),
+        (0.9, 1),
+    ]
+
+
 def test_noisy_lanes_are_found_once_each(road: Callable[..., tuple]) -> None:
     rng = np.random.default_rng(0)
     truth, segments = road(5, 4)
@@ -130,6 +172,7 @@ def test_noisy_lanes_are_found_once_each(road: Callable[..., tuple]) -> None:
         {"max_gap_cells": -1.0},
         {"duplicate_radius_cells": np.inf},
         {"max_turn": 3.5},
+        {"min_end_score": -0.1},
     ],
 )
 def test_bad_parameters_are_named(arguments: dict[str, float]) -> None:

@@ -38,7 +38,9 @@ class ChainLinker:
     2. Duplicates. A chain of which more than half lies within `duplicate_radius_cells` of stronger chains,
        and in their direction, is dropped.
     3. Gaps. The ends of chains are joined in the same way, up to `max_gap_cells`, along their direction.
-    4. Curves. A smoothing spline through the midpoints and both outer end points.
+    4. Ends. Segments below `min_end_score` are taken off both ends of a chain, up to the first better one; in
+       between they stay (hysteresis, as Canny has it for edges, PAMI 1986). A closed line has no ends.
+    5. Curves. A smoothing spline through the midpoints and both outer end points.
 
     The score of a polyline is the mean of its segments' scores by length, where gaps count as zero; its
     label is voted by score, length and class probability. The order of the segments does not matter. A
@@ -55,6 +57,8 @@ class ChainLinker:
         min_length_cells: Shortest polyline. A length that means something in the image is better given as
             pixels divided by `cell_size`.
         min_score: Lowest score of a polyline.
+        min_end_score: Lowest score of a segment that a polyline begins or ends with. Above the model's
+            threshold it shortens lines that go on beyond what is seen, without holes within them.
         smoothing: See `SmoothingSpline`; in squared cells.
 
     Raises:
@@ -73,11 +77,13 @@ class ChainLinker:
         duplicate_radius_cells: float = 0.75,
         min_length_cells: float = 2.0,
         min_score: float = 0.0,
+        min_end_score: float = 0.0,
         smoothing: float = 0.05,
     ) -> None:
         check_positive(cell_size=cell_size, link_radius_cells=link_radius_cells)
         check_not_negative(max_gap_cells=max_gap_cells, duplicate_radius_cells=duplicate_radius_cells)
         check_not_negative(min_length_cells=min_length_cells, min_score=min_score)
+        check_not_negative(min_end_score=min_end_score)
         if not 0 < max_turn < np.pi:
             raise ValueError(f"max_turn is {max_turn}, but an angle between 0 and pi (radians) is needed.")
         chaining = (
@@ -87,7 +93,8 @@ class ChainLinker:
             (float(max_gap_cells), _STRAIGHT, *_JOIN),
         )
         least = (float(min_length_cells), float(min_score))
-        self._rules = (float(cell_size), chaining, least, SmoothingSpline(smoothing).rule)
+        ends = float(min_end_score)
+        self._rules = (float(cell_size), chaining, ends, least, SmoothingSpline(smoothing).rule)
 
     def __call__(self, segments: Segments) -> Polylines:
         """Gives the polylines of the segments, in the same pixels."""
@@ -101,9 +108,36 @@ class ChainLinker:
 def _link(endpoints, scores, labels, probabilities, rules):
     """Gives the polylines of segments, both in pixels, see `smooth_outlines`."""
     check_segments(endpoints, scores)
-    cell_size, chaining, least, spline = rules
+    cell_size, chaining, end_score, least, spline = rules
     names, votes = class_votes(labels, probabilities)
     endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes, cell_size)
-    offsets, rings, lines, means, chances = chain_segments(endpoints, scores, votes, chaining)
+    chains = chain_segments(endpoints, scores, votes, chaining)
+    offsets, rings, lines, means, chances = trim_ends(chains, end_score) if end_score > 0 else chains
     outlines = outline((offsets, rings), lines, means, chances)
     return smooth_outlines(outlines, names, least, spline, cell_size)
+
+
+@compiled
+@no_type_check
+def trim_ends(chains, lowest):
+    """Gives the chains of `chain_segments` without the segments below a score at the ends of open ones."""
+    offsets, rings, lines, means, chances = chains
+    bounds, closed = np.zeros_like(offsets), np.empty_like(rings)
+    kept = np.empty(len(means), np.int64)
+    count = filled = 0
+    for c in range(len(rings)):
+        first, stop = offsets[c], offsets[c + 1]
+        if not rings[c]:
+            while first < stop and means[first] < lowest:
+                first += 1
+            while first < stop and means[stop - 1] < lowest:
+                stop -= 1
+        if first < stop:
+            for p in range(first, stop):
+                kept[filled] = p
+                filled += 1
+            closed[count] = rings[c]
+            count += 1
+            bounds[count] = filled
+    kept = kept[:filled]
+    return bounds[: count + 1], closed[:count], lines[kept], means[kept], chances[kept]

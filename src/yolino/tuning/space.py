@@ -73,6 +73,7 @@ SPACES: dict[str, dict[str, tuple[Number, ...]]] = {
         "linker_options.max_turn": _TURNS,
         "linker_options.max_gap_cells": _GAPS,
         "linker_options.duplicate_radius_cells": _DUPLICATES,
+        "linker_options.min_end_score": (0.0, *_COMMON["threshold"][4:]),
         **_ENDS,
     },
     "graph": {
