@@ -108,6 +108,9 @@ def test_the_papers_folder_holds_its_table():
         assert experiment.model.representation == kind
         assert experiment.model.predictors == int(predictors)
         assert 32 >> experiment.model.upsample == int(cell.removesuffix("px"))
+        if row in ours:  # ten segments (tau_s) at 16 px
+            shortest = experiment.postprocess.linker_options["min_length_cells"]
+            assert shortest * (32 >> experiment.model.upsample) == 160
         assert experiment.model.backbone == "darknet19"
         assert experiment.training.optimizer == "adam"
         assert experiment.training.lr == (1e-4 if kind == "po" else 1e-3)

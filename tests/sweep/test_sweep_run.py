@@ -8,9 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from yolino.config import load_experiment
+from yolino.evaluate import evaluate
+from yolino.inference import Predictor
+from yolino.model.engine import TorchEngine
 from yolino.sweep import Outcome, load_sweep, plan, prospects, run_sweep
 from yolino.sweep.curves import read_curves
 from yolino.sweep.result import PROBLEM, RESULT, RUNS, read_result
+from yolino.sweep.thresholds import TRIED
+from yolino.training.callbacks import BEST
+from yolino.training.data import build_dataset
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::UserWarning"
@@ -213,6 +220,54 @@ def test_mistakes_are_told_before_anything_runs(folder, out, changes, options, m
     with pytest.raises(ValueError, match=message):
         plan(load_sweep(folder), changes, out, **options)
     assert not out.exists()
+
+
+def test_another_post_processing_scores_finished_runs_anew(folder, run, out, monkeypatch):
+    run("training.steps=1")
+    before = read_result(out / RUNS / "a-seed0")
+    assert before is not None
+    kill_at(monkeypatch, 1)  # nothing is trained
+    change = "postprocess.linker_options.min_length_cells=99.0"
+    outcome, said = run("training.steps=1", change)
+    assert outcome == Outcome({}, {})
+    assert said[0] == (
+        "[1 of 2] a, seed 0: finished before, to score anew with other "
+        "postprocess.linker_options.min_length_cells"
+    )
+    assert said[1].startswith("[1 of 2] a, seed 0: finished in ")
+    after = read_result(out / RUNS / "a-seed0")
+    assert after is not None
+    assert after.scores["recall"] == 0.0  # no line is as long
+    assert after.scores["segment_f1"] == before.scores["segment_f1"]
+    assert after.settings["postprocess"]["linker_options"] == {"min_length_cells": 99.0}
+    same = ("steps", "step", "seconds", "train", "parameters", "commit")
+    assert [getattr(after, name) for name in same] == [getattr(before, name) for name in same]
+    assert run("training.steps=1", change)[1] == [
+        f"[{i} of 2] {row}, seed 0: finished before" for i, row in ((1, "a"), (2, "b"))
+    ]
+    # Runs with other seeds of the row would keep the old one.
+    with pytest.raises(ValueError, match=r"a-seed0 is a run of a with other settings \(postprocess\."):
+        run("training.steps=1", seeds=(1,))
+
+
+def test_thresholds_are_those_with_the_best_scores(folder, run, out):
+    longer = ("training.steps=200", "training.validate_every=200", "training.lr=0.01", "training.ema_decay=0")
+    run(*longer, only=("a",))
+    result = read_result(out / RUNS / "a-seed0")
+    assert result is not None
+    experiment = load_experiment(folder / "a.yaml")
+    val = build_dataset(experiment.data.val[0], experiment.data.root, ())
+    engine = TorchEngine(out / RUNS / "a-seed0" / BEST, device="cpu")
+    scores = {t: evaluate(Predictor(engine, threshold=t), val).scores for t in TRIED}
+    assert len({score["segment_f1"] for score in scores.values()}) > 2
+    assert result.threshold == max(TRIED, key=lambda t: scores[t]["segment_f1"])
+    assert result.line_threshold == max(TRIED, key=lambda t: scores[t]["f1"])
+    assert result.scores["f1"] == scores[result.line_threshold]["f1"]
+    assert result.scores["segment_precision"] == scores[result.threshold]["segment_precision"]
+    run(*longer, "postprocess.threshold=0.35", only=("a",))
+    result = read_result(out / RUNS / "a-seed0")
+    assert result is not None
+    assert (result.threshold, result.line_threshold) == (0.35, 0.35)
 
 
 def test_other_data_may_be_scored(folder, run, out):

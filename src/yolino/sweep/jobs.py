@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from yolino.training.checks import check_experiment
 from yolino.training.data import build_augment, build_dataset
 from yolino.training.module import frozen_parts, network_arguments
 from yolino.training.settings import changed_settings, read_settings, with_defaults
+
+_POSTPROCESS = "postprocess."
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,16 @@ class Job:
     def finished(self) -> bool:
         """Whether the run has a result."""
         return read_result(self.folder) is not None
+
+    @property
+    def other_postprocess(self) -> list[str]:
+        """Names what the post-processing of the finished run had otherwise; changing it needs no training."""
+        result = read_result(self.folder)
+        if result is None:
+            return []
+        before = with_defaults(result.settings, self.folder)
+        now = self.experiment.model_dump(mode="json")
+        return [key for key in changed_settings(before, now) if key.startswith(_POSTPROCESS)]
 
 
 def plan(
@@ -82,8 +94,9 @@ def plan(
         for seed in dict.fromkeys(seeds or (None,))
         for row in rows
     ]
+    planned = {job.folder for job in jobs}
     for job in jobs:
-        _check_settings(job, out)
+        _check_settings(job, out, planned)
     return jobs
 
 
@@ -113,13 +126,15 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)
 
 
-def _check_settings(job: Job, out: Path) -> None:
-    """Raises a ValueError if the row has runs with other settings."""
+def _check_settings(job: Job, out: Path, planned: Collection[Path]) -> None:
+    """Raises a ValueError if the row has runs with other settings; those planned may be scored anew."""
     now = job.experiment.model_dump(mode="json")
     for folder in run_folders(job.row, out).values():
         result = read_result(folder)
         if result is not None:
             before = with_defaults(result.settings, folder)
+            if folder in planned:
+                before = before | {"postprocess": now["postprocess"]}
         elif folder == job.folder and (folder / LAST).is_file():
             before = read_settings(folder)
         else:

@@ -33,7 +33,8 @@ class Result(Section):
         settings: The whole experiment, as it was run.
         scores: The scores by their names in `yolino.evaluate.evaluate`.
         intervals: Their 95 % bootstrap intervals.
-        threshold: Smallest score of a segment, as validation chose it.
+        threshold: Smallest score of a segment that counts for the scores of segments.
+        line_threshold: The same for those of lines; None in results of earlier versions: the same.
         train: What was trained on.
         scored: What was scored on.
         step: Step of the best checkpoint.
@@ -51,6 +52,7 @@ class Result(Section):
     scores: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     threshold: float
+    line_threshold: float | None = None
     train: tuple[Part, ...]
     scored: tuple[Part, ...]
     step: int

@@ -16,10 +16,10 @@ from yolino.sweep.curves import last_step
 from yolino.sweep.description import METRICS, Sweep
 from yolino.sweep.jobs import Job, Shelf, check_parts
 from yolino.sweep.progress import Progress, Say, duration, listening
-from yolino.sweep.result import PROBLEM, Part, Result, write_problem
+from yolino.sweep.result import PROBLEM, Part, Result, read_result, write_problem
 from yolino.sweep.scoring import score_checkpoint
 from yolino.sweep.writing import write_tables
-from yolino.training.callbacks import LAST
+from yolino.training.callbacks import BEST, LAST
 from yolino.training.run import train
 
 CLOCK = "time.json"
@@ -31,6 +31,7 @@ class Prospect(NamedTuple):
     Attributes:
         job: The run.
         finished: Whether it has a result already.
+        rescored: What of its post-processing has changed since, and is scored anew.
         step: The step that it goes on behind; 0 begins.
         missing: Which of its data is not there; "" if all is.
         parts: What it trains on and what it is scored on; None if unknown.
@@ -39,6 +40,7 @@ class Prospect(NamedTuple):
 
     job: Job
     finished: bool = False
+    rescored: tuple[str, ...] = ()
     step: int = 0
     missing: str = ""
     parts: tuple[tuple[Part, ...], tuple[Part, ...]] | None = None
@@ -47,6 +49,8 @@ class Prospect(NamedTuple):
     @property
     def state(self) -> str:
         """What will be done, in a few words."""
+        if self.finished and self.rescored:
+            return f"finished before, to score anew with other {', '.join(self.rescored)}"
         if self.finished:
             return "finished before"
         if self.missing:
@@ -75,7 +79,7 @@ def prospects(jobs: Sequence[Job], *, skip_broken: bool = False) -> list[Prospec
     shelf, found = Shelf(skip_broken=skip_broken), []
     for job in jobs:
         if job.finished:
-            found.append(Prospect(job, finished=True))
+            found.append(Prospect(job, finished=True, rescored=tuple(job.other_postprocess)))
             continue
         step = last_step(job.folder) if (job.folder / LAST).is_file() else 0
         try:
@@ -123,6 +127,8 @@ def run_sweep(
         job, name = each.job, each.job.experiment.name
         if each.finished:
             progress.tell(number, job, each.state)
+            if each.rescored:
+                progress.tell(number, job, _summary(_score_anew(job, skip_broken=skip_broken)))
         elif each.missing:
             progress.tell(number, job, each.state)
             outcome.missing[name] = each.state
@@ -160,7 +166,8 @@ def _run(each: Prospect, progress: Progress, *, bar: bool, skip_broken: bool) ->
         settings=job.experiment.model_dump(mode="json"),
         scores={name: float(value) for name, value in scored.evaluation.scores.items()},
         intervals=scored.evaluation.intervals,
-        threshold=float(scored.header.postprocess["threshold"]),
+        threshold=scored.thresholds.segments,
+        line_threshold=scored.thresholds.lines,
         train=each.parts[0],
         scored=each.parts[1],
         step=int(scored.header.metrics["step"]),
@@ -170,6 +177,24 @@ def _run(each: Prospect, progress: Progress, *, bar: bool, skip_broken: bool) ->
         device=scored.device,
         version=version("yolino"),
         commit=scored.header.commit,
+    )
+    result.write(job.folder)
+    return result
+
+
+def _score_anew(job: Job, *, skip_broken: bool) -> Result:
+    """Scores a finished run with another post-processing; its training stays as it was."""
+    before = read_result(job.folder)
+    assert before is not None
+    scored = score_checkpoint(job.folder / BEST, job, skip_broken=skip_broken)
+    result = before.model_copy(
+        update={
+            "settings": before.settings | {"postprocess": job.experiment.postprocess.model_dump(mode="json")},
+            "scores": {name: float(value) for name, value in scored.evaluation.scores.items()},
+            "intervals": scored.evaluation.intervals,
+            "threshold": scored.thresholds.segments,
+            "line_threshold": scored.thresholds.lines,
+        }
     )
     result.write(job.folder)
     return result

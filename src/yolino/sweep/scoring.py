@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from yolino.config import Experiment, Source
 from yolino.datasets import Dataset, TuSimple
 from yolino.evaluate import Evaluation, evaluate
 from yolino.header import Header
 from yolino.inference import Predictor
 from yolino.model.engine import TorchEngine
 from yolino.sweep.jobs import Job, open_source
+from yolino.sweep.thresholds import Thresholds, choose_thresholds
+from yolino.training.callbacks import header_postprocess
 from yolino.types import Sample
 
 # The benchmark's scores; `evaluate` has alike ones for others, which are no one's official ones.
@@ -22,6 +26,7 @@ class Scored(NamedTuple):
     """What was found about a checkpoint."""
 
     evaluation: Evaluation
+    thresholds: Thresholds
     header: Header
     parameters: int
     device: str
@@ -58,27 +63,52 @@ class Joined:
 
 
 def score_checkpoint(path: Path, job: Job, *, skip_broken: bool = False) -> Scored:
-    """Gives the scores of a checkpoint on what its run is scored on.
+    """Gives the scores of a checkpoint on what its run is scored on, with the post-processing of the run.
 
-    Accuracy, FP and FN are those of the TuSimple benchmark, and left out for data in other formats.
+    Accuracy, FP and FN are those of the TuSimple benchmark, and left out for data in other formats. Where the
+    experiment has no threshold, those of segments and of lines are chosen on its validation data.
 
     Raises:
         FileNotFoundError: The checkpoint or the data is not there.
         ValueError: One of them is broken.
     """
-    sources = job.score_on or job.experiment.data.val
-    parts = [open_source(source, job.experiment, "val", skip_broken=skip_broken) for source in sources]
-    dataset = parts[0] if len(parts) == 1 else Joined(parts)
-    training = job.experiment.training
+    experiment = job.experiment
+    val = _open(experiment.data.val, experiment, skip_broken=skip_broken)
+    dataset = _open(job.score_on, experiment, skip_broken=skip_broken) if job.score_on else val
+    training = experiment.training
     device = "cpu" if training.accelerator == "cpu" else "auto"
     engine = TorchEngine(path, device=device, threads=training.threads or None)
-    found = evaluate(Predictor(engine), dataset)
+    header = engine.header
+    settings = header_postprocess(experiment, header.postprocess["threshold"])
+    header = replace(header, postprocess=settings)
+    given = experiment.postprocess.threshold
+    chosen = (
+        Thresholds(given, given) if given is not None else choose_thresholds(Predictor(engine, header), val)
+    )
+    found = evaluate(Predictor(engine, header, threshold=chosen.lines), dataset)
+    if chosen.segments != chosen.lines:
+        _take_segments(found, evaluate(Predictor(engine, header, threshold=chosen.segments), dataset))
     if not isinstance(dataset, TuSimple):
         for name in _TUSIMPLE:
             found.scores.pop(name, None)
             found.intervals.pop(name, None)
     parameters = sum(weights.numel() for weights in engine.graph.parameters())
-    return Scored(found, engine.header, parameters, engine.device)
+    return Scored(found, chosen, engine.header, parameters, engine.device)
+
+
+def _open(sources: Sequence[Source], experiment: Experiment, *, skip_broken: bool) -> Dataset:
+    parts = [open_source(source, experiment, "val", skip_broken=skip_broken) for source in sources]
+    return parts[0] if len(parts) == 1 else Joined(parts)
+
+
+def _take_segments(found: Evaluation, other: Evaluation) -> None:
+    """Puts the scores of the segments from another evaluation into one."""
+    for name in found.scores:
+        if name.startswith("segment_"):
+            found.scores[name] = other.scores[name]
+    for name in found.intervals:
+        if name.startswith("segment_"):
+            found.intervals[name] = other.intervals[name]
 
 
 __all__ = ["Joined", "Scored", "score_checkpoint"]

@@ -128,7 +128,8 @@ def legend(sweep: Sweep, rows: Mapping[str, Row]) -> str:
     if "accuracy" in metrics(sweep, rows):
         said.append("Acc, FP, FN: the TuSimple benchmark's, of the polylines.")
     said.append(
-        "F1, Rec, Prec: points of the segments after the NMS, at the threshold that validation chose."
+        "F1, Rec, Prec: points of the segments after the NMS. Thresholds of segments and of lines are chosen "
+        "on the validation data, where the experiments have none."
     )
     if any(len(row.results) > 1 for row in rows.values()):
         said.append("Means over the seeds.")

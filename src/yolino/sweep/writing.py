@@ -70,7 +70,8 @@ def markdown(sweep: Sweep, rows: Mapping[str, Row]) -> str:
 
 
 _RUNS = (
-    "Lines F1, Rec, Prec: the points of the polylines. Thr.: threshold. Best: step of the best checkpoint."
+    "Lines F1, Rec, Prec: the points of the polylines. Thr.: threshold of segments, and of lines. Best: step "
+    "of the best checkpoint."
 )
 _DETAILS = ("Lines F1", "Lines Rec", "Lines Prec", "Thr.", "Best", "Steps", "Time", "Parameters")
 
@@ -107,12 +108,17 @@ def _details(result: Result, shown: Sequence[str]) -> list[str]:
     return [
         f"{result.row}, seed {result.seed}",
         *scores,
-        f"{result.threshold:g}",
+        _thresholds(result),
         str(result.step),
         str(result.steps),
         duration(result.seconds),
         f"{result.parameters / 1e6:.2f} M",
     ]
+
+
+def _thresholds(result: Result) -> str:
+    lines = result.threshold if result.line_threshold is None else result.line_threshold
+    return f"{result.threshold:g}" if lines == result.threshold else f"{result.threshold:g}, {lines:g}"
 
 
 def _with_interval(result: Result, metric: str) -> str:

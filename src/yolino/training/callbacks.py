@@ -156,11 +156,6 @@ def averaging(decay: float) -> Callable[[list[Tensor], list[Tensor], Tensor | in
 def build_header(experiment: Experiment, metrics: Mapping[str, float]) -> Header:
     """Gives the header of the model that an experiment trains."""
     data, model = experiment.data, experiment.model
-    postprocess = experiment.postprocess.model_dump()
-    if postprocess["threshold"] is None:
-        postprocess["threshold"] = metrics["threshold"]
-    if not postprocess["flip"]:
-        del postprocess["flip"]  # earlier versions do not know it, and refuse a file that has it
     return Header(
         version=version("yolino"),
         name=experiment.name,
@@ -174,10 +169,20 @@ def build_header(experiment: Experiment, metrics: Mapping[str, float]) -> Header
         scale=data.scale,
         licence=data.licence,
         data=data.description,
-        postprocess=postprocess,
+        postprocess=header_postprocess(experiment, metrics["threshold"]),
         metrics=dict(metrics),
         commit=git_commit(),
     )
+
+
+def header_postprocess(experiment: Experiment, threshold: float) -> dict[str, Any]:
+    """Gives the post-processing of an experiment's model, with a threshold where the experiment has none."""
+    postprocess = experiment.postprocess.model_dump()
+    if postprocess["threshold"] is None:
+        postprocess["threshold"] = threshold
+    if not postprocess["flip"]:
+        del postprocess["flip"]  # earlier versions do not know it, and refuse a file that has it
+    return postprocess
 
 
 def git_commit() -> str:

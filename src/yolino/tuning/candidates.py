@@ -70,7 +70,12 @@ def gather(
         FileNotFoundError: An image is missing.
     """
     seer = Predictor(
-        predictor.engine, predictor.header, threshold=threshold, batch_size=1, overlap=predictor.overlap
+        predictor.engine,
+        predictor.header,
+        threshold=threshold,
+        flip=predictor.flip,
+        batch_size=1,
+        overlap=predictor.overlap,
     )
     found = []
     for index in progress(range(len(dataset))):
