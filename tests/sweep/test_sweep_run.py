@@ -234,7 +234,7 @@ def test_another_post_processing_scores_finished_runs_anew(folder, run, out, mon
         "[1 of 2] a, seed 0: finished before, to score anew with other "
         "postprocess.linker_options.min_length_cells"
     )
-    assert said[1].startswith("[1 of 2] a, seed 0: finished in ")
+    assert said[1].startswith("[1 of 2] a, seed 0: scored anew: F1 ")
     after = read_result(out / RUNS / "a-seed0")
     assert after is not None
     assert after.scores["recall"] == 0.0  # no line is as long

@@ -128,7 +128,8 @@ def run_sweep(
         if each.finished:
             progress.tell(number, job, each.state)
             if each.rescored:
-                progress.tell(number, job, _summary(_score_anew(job, skip_broken=skip_broken)))
+                result = _score_anew(job, skip_broken=skip_broken)
+                progress.tell(number, job, f"scored anew: {_scores(result)}")
         elif each.missing:
             progress.tell(number, job, each.state)
             outcome.missing[name] = each.state
@@ -140,7 +141,8 @@ def run_sweep(
         else:
             try:
                 progress.begin(number, job, each.step)
-                progress.end(job, _summary(_run(each, progress, bar=bar, skip_broken=skip_broken)))
+                result = _run(each, progress, bar=bar, skip_broken=skip_broken)
+                progress.end(job, f"finished in {duration(result.seconds)}: {_scores(result)}")
             except Exception as error:  # a night's other runs are worth more: all are told at the end
                 outcome.failed[name] = f"failed: {reason(error)}"
                 write_problem(job.folder, outcome.failed[name], error)
@@ -213,9 +215,9 @@ def _begin_clock(folder: Path) -> float:
     return now - before
 
 
-def _summary(result: Result) -> str:
+def _scores(result: Result) -> str:
     scores = [f"{METRICS[name]} {result.scores[name]:.3f}" for name in METRICS if name in result.scores]
-    return f"finished in {duration(result.seconds)}: {', '.join(scores)}"
+    return ", ".join(scores)
 
 
 __all__ = ["CLOCK", "Outcome", "Prospect", "prospects", "reason", "run_sweep"]
