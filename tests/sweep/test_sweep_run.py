@@ -250,6 +250,17 @@ def test_another_post_processing_scores_finished_runs_anew(folder, run, out, mon
         run("training.steps=1", seeds=(1,))
 
 
+def test_what_cannot_be_scored_anew_keeps_its_result(run, out):
+    run("training.steps=1")
+    (out / RUNS / "a-seed0" / BEST).unlink()
+    before = read_result(out / RUNS / "a-seed0")
+    outcome, said = run("training.steps=1", "postprocess.linker_options.min_length_cells=99.0")
+    assert list(outcome.failed) == ["a-seed0"]
+    assert outcome.failed["a-seed0"].startswith("could not be scored anew: ")
+    assert read_result(out / RUNS / "a-seed0") == before
+    assert said[-1].startswith("[2 of 2] b, seed 0: scored anew: ")
+
+
 def test_thresholds_are_those_with_the_best_scores(folder, run, out):
     longer = ("training.steps=200", "training.validate_every=200", "training.lr=0.01", "training.ema_decay=0")
     run(*longer, only=("a",))

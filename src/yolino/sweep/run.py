@@ -128,8 +128,13 @@ def run_sweep(
         if each.finished:
             progress.tell(number, job, each.state)
             if each.rescored:
-                result = _score_anew(job, skip_broken=skip_broken)
-                progress.tell(number, job, f"scored anew: {_scores(result)}")
+                try:
+                    result = _score_anew(job, skip_broken=skip_broken)
+                    progress.tell(number, job, f"scored anew: {_scores(result)}")
+                except Exception as error:  # its earlier result stays
+                    outcome.failed[name] = f"could not be scored anew: {reason(error)}"
+                    progress.tell(number, job, outcome.failed[name])
+                    write_problem(job.folder, outcome.failed[name], error)
         elif each.missing:
             progress.tell(number, job, each.state)
             outcome.missing[name] = each.state
