@@ -16,16 +16,12 @@ from torch import Tensor, nn
 from yolino.config import Experiment
 from yolino.inference.flips import mirror_segments
 from yolino.inference.rotations import join_views
-from yolino.metrics import PointMetric
 from yolino.model.network import Network
-from yolino.postprocess.nms import NMS
 from yolino.training.data import Batch, to_device
 from yolino.training.losses import Criterion, Losses
 from yolino.training.matching import several_at
+from yolino.training.validation import THRESHOLDS, Validation
 from yolino.types import Segments
-
-# Validation tries these scores and reports the best; the winner goes into the model file.
-THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 
 
 def network_arguments(experiment: Experiment) -> dict[str, Any]:
@@ -81,13 +77,10 @@ class TrainingModule(LightningModule):
             spare=experiment.matching.spare,
             **experiment.loss.model_dump(),
         )
-        self.nms = NMS(
-            float(self.network.stride), **{"directed": experiment.data.directed, **experiment.postprocess.nms}
-        )
+        self.validation = self._new_validation()
         # Validation sees other numbers of images, for each of which compiling would begin anew.
         compiling = experiment.training.compile
         self.compiled = torch.compile(self.network.forward) if compiling else None
-        self.scores: dict[str, float] = {}
 
     def on_train_epoch_start(self) -> None:
         """Keeps the statistics of the frozen parts, too, as they are."""
@@ -116,11 +109,10 @@ class TrainingModule(LightningModule):
 
     def on_validation_epoch_start(self) -> None:
         """Begins new counts."""
-        directed = self.experiment.data.directed
-        self.metrics = {t: PointMetric(directed=directed) for t in THRESHOLDS}
+        self.validation = self._new_validation()
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        """Counts the points that the NMS's segments hit, at each threshold; with `flip` of both views."""
+        """Scores segments and lines at each threshold; with `flip` those of both views."""
         images = batch.images.float()
         prediction = self.network(images)
         losses, _ = self.criterion(prediction, batch.targets)
@@ -131,9 +123,7 @@ class TrainingModule(LightningModule):
             back = [mirror_segments(segments, images.shape[-1]) for segments in mirrored]
             every = [join_views(pair) for pair in zip(every, back, strict=True)]
         for i, segments in enumerate(every):
-            for threshold, metric in self.metrics.items():
-                found = self.nms(segments[segments.scores >= threshold])
-                metric.update(found, batch.polylines[i], self.experiment.data.size, batch.ignore[i])
+            self.validation.add(segments, batch.polylines[i], self.experiment.data.size, batch.ignore[i])
 
     def segments(self, prediction: Any, size: Sequence[int]) -> list[Segments]:
         """Gives the segments of each image above the lowest threshold, in pixels of the network's input."""
@@ -147,10 +137,13 @@ class TrainingModule(LightningModule):
         return found
 
     def validation_scores(self) -> Mapping[str, float]:
-        """Gives precision, recall and F1 at the threshold with the best F1."""
-        results = {threshold: metric.compute() for threshold, metric in self.metrics.items()}
-        best = max(results, key=lambda t: results[t]["f1"])
-        return {"threshold": best} | {k: float(results[best][k]) for k in ("f1", "precision", "recall")}
+        """Gives what `Validation.scores` says of the images since validation began."""
+        return self.validation.scores()
+
+    def _new_validation(self) -> Validation:
+        experiment = self.experiment
+        stride = float(self.network.stride)
+        return Validation(experiment.postprocess, stride, directed=experiment.data.directed)
 
     def configure_optimizers(self) -> Any:
         """Gives Adam or AdamW with warm-up and cosine schedule."""

@@ -27,7 +27,7 @@ def prediction_pictures(
     for example, segments in zip(
         examples, module.segments(module.network(images), images.shape[-2:]), strict=True
     ):
-        found = module.nms(segments[segments.scores >= threshold])
+        found = module.validation.nms(segments[segments.scores >= threshold])
         left = draw_polylines(example.image, example.polylines)
         rows.append(np.concatenate([left, draw_segments(example.image, found)], axis=1))
     return np.concatenate(rows)
