@@ -13,7 +13,7 @@ from yolino.cli.views import VIEWS, find_view
 from yolino.header import Header
 from yolino.inference import Predictor, open_engine
 from yolino.io import read_image
-from yolino.viz import PALETTE, draw_polylines
+from yolino.viz import PALETTE, draw_legend, draw_polylines
 
 from .conftest import Run
 
@@ -96,6 +96,16 @@ def test_the_lines_are_those_of_before(model: Path) -> None:
     predictor = Predictor(open_engine(model))
     wanted = draw_polylines(bright(), predictor(bright()))
     np.testing.assert_array_equal(draw("lines", model, bright()), wanted)
+
+
+def test_lines_of_several_classes_have_the_names_of_those_that_are_there(class_model: Path) -> None:
+    predictor = Predictor(open_engine(class_model))
+    found = predictor(bright())
+    drawn = draw_polylines(bright(), found, color_by="label")
+    assert set(found.labels.tolist()) < set(range(len(predictor.header.classes)))
+    wanted = draw_legend(drawn, predictor.header.classes, labels=found.labels)
+    np.testing.assert_array_equal(draw("lines", class_model, bright()), wanted)
+    assert (wanted != drawn).any()
 
 
 def test_cells_show_the_predictors_of_the_network(make_model: Make, tmp_path: Path, header: Header) -> None:

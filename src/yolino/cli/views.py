@@ -40,10 +40,13 @@ FEW_CLASSES = 12  # of which the legend names those, too, that the image does no
 
 
 def draw_lines_view(image: Image, stages: Stages, predictor: Predictor) -> Picture:
-    """Gives the polylines, each in its color, or in that of its class where the model knows several."""
-    color_by = "label" if len(predictor.header.classes) > 1 else "identity"
+    """Gives the polylines, each in its color; where the model knows several classes, in those, with names."""
+    header = predictor.header
     image, lines = _readable(image, stages.polylines)
-    return draw_polylines(image, lines, color_by=color_by, directed=predictor.header.directed)
+    if len(header.classes) < 2:
+        return draw_polylines(image, lines, directed=header.directed)
+    drawn = draw_polylines(image, lines, color_by="label", directed=header.directed)
+    return draw_legend(drawn, header.classes, labels=lines.labels) if len(lines) else drawn
 
 
 def draw_orientation_view(image: Image, stages: Stages, predictor: Predictor) -> Picture:
