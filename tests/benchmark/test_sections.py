@@ -169,9 +169,10 @@ def test_the_default_network_is_that_of_its_configuration():
     pytest.importorskip("torch")
     from yolino.benchmark.training import NETWORKS
     from yolino.model.network import Network
+    from yolino.training.module import network_arguments
 
     experiment = load_experiment(Path(__file__).parents[2] / "configs" / "default.yaml")
-    config = experiment.model.model_dump()
+    config = network_arguments(experiment)
     assert {key: config[key] for key in NETWORKS["default"]} == NETWORKS["default"]
     assert Network(**NETWORKS["default"]).stride == 16
     assert experiment.training.precision == "bf16-mixed"

@@ -66,7 +66,7 @@ def _darknet(setup: Setup) -> Predictor:
     )
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        network = Network(**NETWORK, num_classes=len(header.classes))
+        network = Network(**NETWORK | {"num_classes": len(header.classes)})
     file = setup.folder / "darknet19.onnx"
     file.write_bytes(onnx_bytes(network, header))
     engine = OnnxEngine(file, device=setup.device, threads=setup.threads)

@@ -45,7 +45,8 @@ def _fresh(setup: Setup, file: Path, batch: UInt8[np.ndarray, "b h w 3"]) -> Cal
 def _write(setup: Setup, size: tuple[int, int]) -> Path:
     """Writes the network for one size of input."""
     arguments, name = NETWORKS["default"], f"input{size[0]}x{size[1]}"
-    header = Header("", name, size, _STRIDE, arguments["predictors"], arguments["representation"])
+    classes = tuple(map(str, range(arguments["num_classes"])))
+    header = Header("", name, size, _STRIDE, arguments["predictors"], arguments["representation"], classes)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         network = Network(**arguments)

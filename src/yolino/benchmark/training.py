@@ -47,6 +47,7 @@ NETWORKS: dict[str, dict[str, Any]] = {
         "neck_width": 96,
         "predictors": _PREDICTORS,
         "representation": "po",
+        "num_classes": 4,
     },
     "darknet19": {"backbone": "darknet19", "upsample": 1, "predictors": _PREDICTORS},
 }
