@@ -53,7 +53,7 @@ def test_a_new_threshold_needs_no_torch(run: Run, lines: Path) -> None:
         (["--compact"], "--compact"),
         (["--set", "precision=int8"], "use --precision"),
         (["--set", "postprocess.rotations=4"], "only windows are turned"),
-        (["--set", "postprocess.flip=true", "--set", "fit=window"], "use rotations"),
+        (["--set", "postprocess.flip=true", "--set", "fit=window"], "nothing is mirrored"),
         (["--set", "postprocess.linker=grph"], "grph"),
         (["--set", "postprocess.nms={epsilo: 1}"], "epsilo"),
     ],
