@@ -45,7 +45,7 @@ Flip = Annotated[
     bool | None,
     typer.Option(
         "--flip/--no-flip",
-        help="See the mirrored image, too: better lines, twice the time.",
+        help="See the mirrored image, too: often better lines, in twice the time.",
         show_default="the model's",
     ),
 ]

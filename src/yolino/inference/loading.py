@@ -77,8 +77,8 @@ def load(
         threads: Threads of the network on a processor; None lets the engine decide.
         streams: Threads that will call the predictor at once; they share the threads of the network.
         threshold: Lowest score of a segment; the model's own by default.
-        flip: Whether the network also sees the mirrored image: better lines for twice the time; as the model
-            says by default.
+        flip: Whether the network also sees the mirrored image: often better lines, in twice the time; the
+            model's own by default.
         linker: Joins segments to polylines, in place of the model's own.
 
     Raises:
