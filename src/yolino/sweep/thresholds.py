@@ -11,10 +11,11 @@ from yolino.evaluate import point_radius
 from yolino.inference import Predictor
 from yolino.metrics import PointMetric
 from yolino.postprocess.mapping import map_polylines, map_segments
+from yolino.training.validation import THRESHOLDS
 from yolino.tuning.candidates import gather
 from yolino.tuning.objective import build_objective
 
-TRIED = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.97, 0.99)
+TRIED = (*THRESHOLDS, 0.97, 0.99)  # small cells want more than training tries at each validation
 
 
 class Thresholds(NamedTuple):
