@@ -173,6 +173,7 @@ def test_noisy_lanes_are_found_once_each(road: Callable[..., tuple]) -> None:
         {"duplicate_radius_cells": np.inf},
         {"max_turn": 3.5},
         {"min_end_score": -0.1},
+        {"level_ends_cells": -1.0},
     ],
 )
 def test_bad_parameters_are_named(arguments: dict[str, float]) -> None:

@@ -15,6 +15,7 @@ from yolino.postprocess.inputs import (
     segment_arrays,
     traced_lines,
 )
+from yolino.postprocess.levels import level_ends
 from yolino.postprocess.outlines import class_votes, outline, smooth_outlines
 from yolino.postprocess.sorting import sort_segments
 from yolino.postprocess.spline import SmoothingSpline
@@ -41,6 +42,8 @@ class ChainLinker:
     4. Ends. Segments below `min_end_score` are taken off both ends of a chain, up to the first better one; in
        between they stay (hysteresis, as Canny has it for edges, PAMI 1986). A closed line has no ends.
     5. Curves. A smoothing spline through the midpoints and both outer end points.
+    6. Levels. Upper ends within `level_ends_cells` of the median of all are cut off, or extended straight, to
+       its row.
 
     The score of a polyline is the mean of its segments' scores by length, where gaps count as zero; its
     label is voted by score, length and class probability. The order of the segments does not matter. A
@@ -59,6 +62,8 @@ class ChainLinker:
         min_score: Lowest score of a polyline.
         min_end_score: Lowest score of a segment that a polyline begins or ends with. Above the model's
             threshold it shortens lines that go on beyond what is seen, without holes within them.
+        level_ends_cells: Height within which upper ends of the lines of an image come to one row; 0 leaves
+            them. For cameras that look along a flat road, where lines end at the horizon.
         smoothing: See `SmoothingSpline`; in squared cells.
 
     Raises:
@@ -66,7 +71,7 @@ class ChainLinker:
             score is negative.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 (all are options that users name)
         self,
         cell_size: float,
         *,
@@ -78,12 +83,13 @@ class ChainLinker:
         min_length_cells: float = 2.0,
         min_score: float = 0.0,
         min_end_score: float = 0.0,
+        level_ends_cells: float = 0.0,
         smoothing: float = 0.05,
     ) -> None:
         check_positive(cell_size=cell_size, link_radius_cells=link_radius_cells)
         check_not_negative(max_gap_cells=max_gap_cells, duplicate_radius_cells=duplicate_radius_cells)
         check_not_negative(min_length_cells=min_length_cells, min_score=min_score)
-        check_not_negative(min_end_score=min_end_score)
+        check_not_negative(min_end_score=min_end_score, level_ends_cells=level_ends_cells)
         if not 0 < max_turn < np.pi:
             raise ValueError(f"max_turn is {max_turn}, but an angle between 0 and pi (radians) is needed.")
         chaining = (
@@ -93,7 +99,7 @@ class ChainLinker:
             (float(max_gap_cells), _STRAIGHT, *_JOIN),
         )
         least = (float(min_length_cells), float(min_score))
-        ends = float(min_end_score)
+        ends = (float(min_end_score), float(level_ends_cells))
         self._rules = (float(cell_size), chaining, ends, least, SmoothingSpline(smoothing).rule)
 
     def __call__(self, segments: Segments) -> Polylines:
@@ -108,13 +114,16 @@ class ChainLinker:
 def _link(endpoints, scores, labels, probabilities, rules):
     """Gives the polylines of segments, both in pixels, see `smooth_outlines`."""
     check_segments(endpoints, scores)
-    cell_size, chaining, end_score, least, spline = rules
+    cell_size, chaining, (end_score, reach), least, spline = rules
     names, votes = class_votes(labels, probabilities)
     endpoints, scores, votes = sort_segments(endpoints, scores, labels, votes, cell_size)
     chains = chain_segments(endpoints, scores, votes, chaining)
     offsets, rings, lines, means, chances = trim_ends(chains, end_score) if end_score > 0 else chains
     outlines = outline((offsets, rings), lines, means, chances)
-    return smooth_outlines(outlines, names, least, spline, cell_size)
+    curves, starts, scores, labels, shares = smooth_outlines(outlines, names, least, spline, cell_size)
+    if reach > 0:
+        curves, starts = level_ends(curves, starts, reach * cell_size, cell_size)
+    return curves, starts, scores, labels, shares
 
 
 @compiled

@@ -74,6 +74,7 @@ SPACES: dict[str, dict[str, tuple[Number, ...]]] = {
         "linker_options.max_gap_cells": _GAPS,
         "linker_options.duplicate_radius_cells": _DUPLICATES,
         "linker_options.min_end_score": (0.0, *_COMMON["threshold"][4:]),
+        "linker_options.level_ends_cells": (0.0, 1.0, 1.5, 2.0, 3.0),
         **_ENDS,
     },
     "graph": {

@@ -1,0 +1,93 @@
+"""Upper ends of lines at one height: where a camera looks along a flat road, lines end at the horizon."""
+
+from __future__ import annotations
+
+from typing import no_type_check
+
+import numpy as np
+
+from yolino.compiled import compiled
+
+_STRETCH = 2.0  # cells at the end of a line that say where it would go on
+_STEEP = 0.125  # least sine of the angle between them and the rows of the image, for a line to go on
+
+
+@compiled
+@no_type_check
+def level_ends(vertices, offsets, reach, cell_size):
+    """Gives vertices and offsets of lines whose upper ends are cut off, or extended straight, to one row.
+
+    The row is the median of the upper ends of all lines that are not closed. Ends farther than the reach from
+    it stay where they are, as do those of lines that lie above it or would run nearly along it.
+
+    Args:
+        vertices: `(v, 2)`, in pixels.
+        offsets: `(n + 1,)`, where the vertices of each line begin.
+        reach: Largest height that is cut off or added, in pixels.
+        cell_size: Side of a cell in pixels.
+    """
+    ends = _upper_ends(vertices, offsets)
+    heights = np.sort(vertices[ends[ends >= 0], 1])
+    if len(heights) < 2:
+        return vertices, offsets
+    row = (heights[(len(heights) - 1) // 2] + heights[len(heights) // 2]) / 2
+    leveled, bounds = np.empty((len(vertices) + len(ends), 2)), np.zeros_like(offsets)
+    for c in range(len(ends)):
+        begin, stop, filled, x = offsets[c], offsets[c + 1], bounds[c], np.nan
+        at_first = ends[c] == begin
+        if ends[c] >= 0 and abs(vertices[ends[c], 1] - row) <= reach:
+            left, x = _meet(vertices[begin:stop], at_first, row, _STRETCH * cell_size)
+            if at_first:
+                begin = stop - left
+            else:
+                stop = begin + left
+        if at_first and not np.isnan(x):
+            leveled[filled, 0], leveled[filled, 1] = x, row
+            filled += 1
+        for p in range(begin, stop):
+            leveled[filled, 0], leveled[filled, 1] = vertices[p, 0], vertices[p, 1]
+            filled += 1
+        if not at_first and not np.isnan(x):
+            leveled[filled, 0], leveled[filled, 1] = x, row
+            filled += 1
+        bounds[c + 1] = filled
+    return leveled[: bounds[-1]], bounds
+
+
+@compiled
+@no_type_check
+def _upper_ends(vertices, offsets):
+    """Gives the index of each line's upper end, or -1 if both are equally high, as in a closed line."""
+    ends = np.full(len(offsets) - 1, -1)
+    for c in range(len(ends)):
+        first, last = offsets[c], offsets[c + 1] - 1
+        if vertices[first, 1] != vertices[last, 1]:
+            ends[c] = first if vertices[first, 1] < vertices[last, 1] else last
+    return ends
+
+
+@compiled
+@no_type_check
+def _meet(line, at_first, row, stretch):
+    """Gives how many vertices are left of a line that is to end at the row, and x of its new end.
+
+    NaN and all vertices where it has to stay as it is.
+    """
+    end, step = (0, 1) if at_first else (len(line) - 1, -1)
+    x, y, at, dx, dy = line[end, 0], line[end, 1], end, 0.0, 0.0
+    if y >= row:
+        while 0 <= at + step < len(line) and np.sqrt(dx * dx + dy * dy) < stretch:
+            at += step
+            dx, dy = x - line[at, 0], y - line[at, 1]
+        if y == row or -dy < _STEEP * np.sqrt(dx * dx + dy * dy):
+            return len(line), np.nan
+        return len(line), x + dx * (row - y) / dy
+    while 0 <= at < len(line) and line[at, 1] <= row:
+        at += step
+    if at < 0 or at == len(line):
+        return len(line), np.nan
+    dx, dy = line[at - step, 0] - line[at, 0], line[at - step, 1] - line[at, 1]
+    return len(line) - abs(at - end), line[at, 0] + dx * (row - line[at, 1]) / dy
+
+
+__all__ = ["level_ends"]
