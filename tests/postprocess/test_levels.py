@@ -33,11 +33,11 @@ def straight(x: float, bottom: float, top: float, lean: float = 0.0) -> np.ndarr
 
 def test_ends_come_to_their_median() -> None:
     """Tops at 84, 100 and 118: the first is cut at 100, the last goes on with its own slope."""
-    lines = [straight(100, 300, 84, 0.5), straight(200, 300, 100), straight(400, 300, 118, -1.5)]
+    lines = [straight(90, 300, 84, 0.5), straight(200, 300, 100), straight(400, 300, 118, -1.5)]
     for turn in (1, -1):
         found = level([line[::turn] for line in lines], 20.0)
         tops = [line[-1] if turn > 0 else line[0] for line in found]
-        np.testing.assert_allclose(tops, [(200, 100), (200, 100), (400 - 1.5 * 200, 100)])
+        np.testing.assert_allclose(tops, [(190, 100), (200, 100), (400 - 1.5 * 200, 100)])
         np.testing.assert_array_equal(found[1][::turn], lines[1])
         np.testing.assert_array_equal(found[2][::turn][:-1], lines[2])
         np.testing.assert_array_equal(found[0][::turn][:-1], lines[0][lines[0][:, 1] > 100])
@@ -54,7 +54,8 @@ def test_two_lines_meet_in_the_middle() -> None:
         straight(0, 300, 139),  # farther away than the reach
         straight(0, 300, 61),
         np.array([(0.0, 119.0), (80.0, 109.5)]),  # so flat that it would go on for 80 px
-        np.array([(0.0, 99.0), (30.0, 90.0)]),  # nothing of it lies below
+        np.array([(120.0, 99.0), (150.0, 90.0)]),  # nothing of it lies below
+        straight(420, 300, 119, 0.5),  # would go on where no line has been
         np.array([(0.0, 130.0), (9.0, 90.0), (9.0, 130.0), (0.0, 130.0)]),  # closed
         np.array([(0.0, 110.0), (60.0, 110.0)]),  # has no upper end
     ],
@@ -82,11 +83,13 @@ def test_only_upper_ends_move_and_only_within_the_reach(
 ) -> None:
     lines = [straight(x, 300, top, lean)[:: -1 if turned else 1] for x, top, lean, turned in road]
     row = np.median([top for _, top, _, _ in road])
-    for (_, top, _, turned), given_line, new in zip(road, lines, level(lines, reach), strict=True):
+    every = np.concatenate(lines)[:, 0]
+    for (x, top, lean, turned), given_line, new in zip(road, lines, level(lines, reach), strict=True):
         turn = -1 if turned else 1
         line, found = given_line[::turn], new[::turn]
         np.testing.assert_array_equal(found[0], line[0])
-        assert found[-1, 1] == (row if abs(top - row) <= reach else top)
+        inside = every.min() - 1e-6 <= x + lean * (300 - row) <= every.max() + 1e-6
+        assert found[-1, 1] == (row if abs(top - row) <= reach and inside else top)
         assert (np.diff(found[:, 1]) < 0).all()
         shared = min(len(found), len(line)) - 1
         np.testing.assert_array_equal(found[:shared], line[:shared])

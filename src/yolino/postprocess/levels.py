@@ -10,6 +10,7 @@ from yolino.compiled import compiled
 
 _STRETCH = 2.0  # cells at the end of a line that say where it would go on
 _STEEP = 0.125  # least sine of the angle between them and the rows of the image, for a line to go on
+_ROUNDING = 1e-6  # pixels
 
 
 @compiled
@@ -18,7 +19,8 @@ def level_ends(vertices, offsets, reach, cell_size):
     """Gives vertices and offsets of lines whose upper ends are cut off, or extended straight, to one row.
 
     The row is the median of the upper ends of all lines that are not closed. Ends farther than the reach from
-    it stay where they are, as do those of lines that lie above it or would run nearly along it.
+    it stay where they are, as do those of lines that lie above it, would run nearly along it, or would leave
+    the columns that the lines span.
 
     Args:
         vertices: `(v, 2)`, in pixels.
@@ -31,16 +33,19 @@ def level_ends(vertices, offsets, reach, cell_size):
     if len(heights) < 2:
         return vertices, offsets
     row = (heights[(len(heights) - 1) // 2] + heights[len(heights) // 2]) / 2
+    left, right = vertices[:, 0].min(), vertices[:, 0].max()
     leveled, bounds = np.empty((len(vertices) + len(ends), 2)), np.zeros_like(offsets)
     for c in range(len(ends)):
         begin, stop, filled, x = offsets[c], offsets[c + 1], bounds[c], np.nan
         at_first = ends[c] == begin
         if ends[c] >= 0 and abs(vertices[ends[c], 1] - row) <= reach:
-            left, x = _meet(vertices[begin:stop], at_first, row, _STRETCH * cell_size)
-            if at_first:
-                begin = stop - left
+            kept, x = _meet(vertices[begin:stop], at_first, row, _STRETCH * cell_size)
+            if not left - _ROUNDING <= x <= right + _ROUNDING:
+                x = np.nan
+            elif at_first:
+                begin = stop - kept
             else:
-                stop = begin + left
+                stop = begin + kept
         if at_first and not np.isnan(x):
             leveled[filled, 0], leveled[filled, 1] = x, row
             filled += 1
