@@ -15,6 +15,7 @@ from yolino.training.frames import Frames, corners_of, reduction, warp_pixels
 from yolino.training.photometric import Photometric, check_probabilities
 from yolino.training.repaint import repaint_lines
 from yolino.training.seams import add_seams
+from yolino.training.surfaces import add_surfaces
 from yolino.types import Polylines, Sample
 
 Matrix = Float[np.ndarray, "3 3"]
@@ -165,14 +166,17 @@ class Lines:
         erase: Probability that an outer polyline is removed, see `yolino.training.erase`.
         repaint: Probability, for each polyline, of a new marking, see `yolino.training.repaint`.
         seam: Probability, for each polyline, of a seam beside it, see `yolino.training.seams`.
+        surface: Probability, for each polyline, that the ground beside it changes, see
+            `yolino.training.surfaces`.
     """
 
     erase: float = 0.0
     repaint: float = 0.0
     seam: float = 0.0
+    surface: float = 0.0
 
     def __post_init__(self) -> None:
-        check_probabilities(self, "erase", "repaint", "seam")
+        check_probabilities(self, "erase", "repaint", "seam", "surface")
 
 
 GROUPS: dict[str, type[Any]] = {"geometric": Geometric, "photometric": Photometric, "lines": Lines}
@@ -252,6 +256,8 @@ class Augment:
         if rng.random() < lines.erase:
             image, polylines = erase_outer_line(image, polylines, rng, corners=corners)
         # What is switched off draws nothing, so that it changes no example of older experiments.
+        if lines.surface:
+            image = add_surfaces(image, polylines, rng, share=lines.surface, corners=corners)
         if lines.repaint:
             image, polylines = repaint_lines(
                 image, polylines, rng, share=lines.repaint, classes=classes, corners=corners
