@@ -54,7 +54,8 @@ def add_surfaces(
     road = build_road(polylines, (image.shape[0], image.shape[1]), corners)
     ground, result = ground_beside(image, road), image
     for line in chosen.tolist():
-        track = track_of(road, ground, line)
+        # Also where the line itself has left the image.
+        track = track_of(road, ground, line, least=float(image.shape[1]))
         if track is not None and track.bare.mean() >= _LEAST_BARE:
             result = image.copy() if result is image else result
             _add_surface(result, track, rng)
