@@ -159,6 +159,20 @@ class TestRuns:
         assert any(row["val/f1"] for row in rows)
         assert list((tmp_path / "tiny" / "tensorboard").iterdir())
 
+    def test_the_last_checkpoint_is_that_of_the_last_validation(self, config, tmp_path, monkeypatch):
+        f1 = iter([0.5, 0.9, 0.1])
+        scores = TrainingModule.validation_scores
+        monkeypatch.setattr(
+            TrainingModule, "validation_scores", lambda self: {**scores(self), "f1": next(f1)}
+        )
+        run(config, tmp_path, "training.steps=3", "training.validate_every=1")
+        (best, of_best), (last, of_last) = (
+            load_checkpoint(tmp_path / "tiny" / f"{name}.safetensors") for name in ("best", "last")
+        )
+        assert (of_best.metrics["step"], of_best.metrics["f1"]) == (2, 0.9)
+        assert (of_last.metrics["step"], of_last.metrics["f1"]) == (3, 0.1)
+        assert any(not torch.equal(a, b) for a, b in zip(best.parameters(), last.parameters(), strict=True))
+
     @pytest.mark.parametrize(
         "changes",
         [

@@ -26,7 +26,7 @@ from yolino.training.pictures import prediction_pictures
 
 logger = logging.getLogger(__name__)
 LAST = "last.ckpt"
-BEST = "best.safetensors"
+BEST, NEWEST = "best.safetensors", "last.safetensors"
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
@@ -42,7 +42,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
 
 class KeepBest(Callback):
-    """Writes `best.safetensors` whenever validation F1 improves.
+    """Writes `last.safetensors` at each validation, and `best.safetensors` whenever validation F1 improves.
 
     Stands before the averaging of weights in the list, so that the averaged weights are still in place.
     """
@@ -68,12 +68,11 @@ class KeepBest(Callback):
         if trainer.sanity_checking or not trainer.is_global_zero:
             return
         step, better = trainer.global_step, scores["f1"] > self.best
-        if better:
-            self.best = scores["f1"]
-            header = build_header(self.experiment, {**scores, "step": step})
-            save_checkpoint(
-                self.folder / BEST, pl_module.network.state_dict(), header, network_arguments(self.experiment)
-            )
+        self.best = max(self.best, scores["f1"])
+        header = build_header(self.experiment, {**scores, "step": step})
+        weights, arguments = pl_module.network.state_dict(), network_arguments(self.experiment)
+        for name in (NEWEST, BEST) if better else (NEWEST,):
+            save_checkpoint(self.folder / name, weights, header, arguments)
         text = " ".join(f"{k} {v:.3f}" for k, v in scores.items())
         logger.info("step %d: %s%s", step, text, " (best)" if better else "")
 
