@@ -74,6 +74,8 @@ def test_both_tiers_give_the_same_lines(seed, lines, classes, directed, threshol
         linker = kind(16.0, directed=directed)
         both(lambda linker=linker: linker(merged))
         both(lambda linker=linker: linker(found))
+    ends = LINKERS["chain"](16.0, directed=directed, min_end_score=0.5, level_ends_cells=2.0)
+    both(lambda: ends(merged))
 
 
 @compiled(inline=True)

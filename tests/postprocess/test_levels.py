@@ -17,10 +17,10 @@ CELL = 16.0
 Lines = list[np.ndarray]
 
 
-def level(lines: Lines, reach: float) -> Lines:
+def level(lines: Lines, reach: float, shortest: float = 0.0) -> Lines:
     """Gives the lines with leveled ends, one array each."""
     offsets = np.cumsum([0, *map(len, lines)])
-    vertices, bounds = level_ends(np.concatenate(lines), offsets, reach, CELL)
+    vertices, bounds = level_ends(np.concatenate(lines), offsets, reach, shortest, CELL)
     assert bounds[-1] == len(vertices)
     return np.split(vertices, bounds[1:-1])
 
@@ -64,6 +64,16 @@ def test_some_lines_stay_as_they_are(other: np.ndarray) -> None:
     road = [straight(x, 300, 100) for x in (100.0, 200.0, 300.0)]
     found = level([*road, other], 38.0)
     np.testing.assert_array_equal(np.concatenate(found), np.concatenate([*road, other]))
+
+
+def test_of_a_line_along_the_row_no_stub_is_left() -> None:
+    road = [straight(x, 300, 112) for x in (100.0, 200.0, 300.0)]
+    flat = np.stack([np.linspace(112, 272, 11), np.linspace(112.4, 92.4, 11)], axis=1)
+    for line in (flat, flat[::-1]):
+        (*_, cut) = level([*road, line], 32.0, shortest=3.0)
+        assert np.linalg.norm(cut[0] - cut[-1]) == pytest.approx(np.hypot(3.2, 0.4))
+        (*_, found) = level([*road, line], 32.0, shortest=4.0)
+        np.testing.assert_array_equal(found, line)
 
 
 def test_one_line_stays_as_it_is() -> None:

@@ -19,7 +19,7 @@ LANE = 200.0  # pixels at the lower edge
 
 
 def road(paint: int = 0) -> tuple[np.ndarray, Polylines]:
-    """Gray ground, labels up to 10 rows below the horizon, and paint of a width at the lower edge."""
+    """Gray ground, labels up to 20 rows below the horizon, and paint of a width at the lower edge."""
     image = np.full((HEIGHT, WIDTH, 3), 100, np.uint8)
     for bottom in BOTTOMS if paint else ():
         corners = np.array([(160.0, HORIZON), (bottom - paint / 2, HEIGHT), (bottom + paint / 2, HEIGHT)])
@@ -55,8 +55,8 @@ def test_a_surface_lies_on_one_side_at_its_offset(seed: int) -> None:
     changed = np.any(found != 100, axis=2)
     beside = lanes_from_the_middle()
     assert changed.sum() > 300
-    assert not changed[:40].any()  # above the labels
-    near, pixel = OFFSETS[0], 1.5 / LANE * (HEIGHT - HORIZON) / 10  # of the row farthest away
+    assert not changed[:50].any()  # above the labels
+    near, pixel = OFFSETS[0], 1.5 / LANE * (HEIGHT - HORIZON) / 20  # of the row farthest away
     at = beside[changed]
     assert (at > near - pixel).all() or (at < -near + pixel).all()
     lower = np.abs(beside[-5:][changed[-5:]])
@@ -116,20 +116,44 @@ def test_without_surfaces_or_lanes_the_image_comes_back() -> None:
         assert add_surfaces(image, labels, np.random.default_rng(0), share=share) is image
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=60)
 @given(
-    points=st.lists(st.lists(st.tuples(st.floats(-400, 700), st.floats(-200, 400)), max_size=5), max_size=5),
+    lane=st.floats(20, 400),
+    vanish=st.tuples(st.floats(-50, 400), st.floats(-40, 150)),
+    tops=st.lists(st.floats(0.02, 0.9), min_size=2, max_size=5),
     size=st.sampled_from([(HEIGHT, WIDTH), (1, 1), (13, 40), (200, 3)]),
+    light=st.sampled_from([(0, 4), (90, 110), (250, 256)]),
     seed=st.integers(0, 99),
 )
-def test_any_labels_run_and_a_seed_gives_one_image(
-    points: list[list[tuple[float, float]]], size: tuple[int, int], seed: int
+def test_any_road_runs_and_a_seed_gives_one_image(
+    lane: float,
+    vanish: tuple[float, float],
+    tops: list[float],
+    size: tuple[int, int],
+    light: tuple[int, int],
+    seed: int,
 ) -> None:
-    lines = Polylines.from_list(points)
-    image = np.random.default_rng(seed).integers(90, 110, (*size, 3), np.uint8)
-    first, again = (add_surfaces(image, lines, np.random.default_rng(seed), share=0.7) for _ in range(2))
+    share = np.array([[1.0], [0.7], [0.4]])
+    ground = [np.array([(i - len(tops) / 2) * lane, size[0] + 20.0]) for i in range(len(tops))]
+    lines = [np.array(vanish) + (top + share * (1 - top)) * at for at, top in zip(ground, tops, strict=True)]
+    image = np.random.default_rng(seed).integers(*light, (*size, 3), np.uint8)
+    first, again = (
+        add_surfaces(image, Polylines.from_list(lines), np.random.default_rng(seed), share=0.7)
+        for _ in range(2)
+    )
     assert first.shape == image.shape
     assert np.array_equal(first, again)
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    points=st.lists(st.lists(st.tuples(st.floats(-400, 700), st.floats(-200, 400)), max_size=5), max_size=5),
+    seed=st.integers(0, 99),
+)
+def test_any_labels_run(points: list[list[tuple[float, float]]], seed: int) -> None:
+    image = np.random.default_rng(seed).integers(90, 110, (HEIGHT, WIDTH, 3), np.uint8)
+    found = add_surfaces(image, Polylines.from_list(points), np.random.default_rng(seed), share=0.7)
+    assert found.shape == image.shape
 
 
 def test_augment_changes_surfaces_and_keeps_the_labels() -> None:

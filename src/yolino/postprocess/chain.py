@@ -43,7 +43,7 @@ class ChainLinker:
        between they stay (hysteresis, as Canny has it for edges, PAMI 1986). A closed line has no ends.
     5. Curves. A smoothing spline through the midpoints and both outer end points.
     6. Levels. Upper ends within `level_ends_cells` of the median of all are cut off, or extended straight, to
-       its row.
+       its row, if what is left is long enough.
 
     The score of a polyline is the mean of its segments' scores by length, where gaps count as zero; its
     label is voted by score, length and class probability. The order of the segments does not matter. A
@@ -122,7 +122,7 @@ def _link(endpoints, scores, labels, probabilities, rules):
     outlines = outline((offsets, rings), lines, means, chances)
     curves, starts, scores, labels, shares = smooth_outlines(outlines, names, least, spline, cell_size)
     if reach > 0:
-        curves, starts = level_ends(curves, starts, reach * cell_size, cell_size)
+        curves, starts = level_ends(curves, starts, reach * cell_size, least[0] * cell_size, cell_size)
     return curves, starts, scores, labels, shares
 
 

@@ -15,17 +15,18 @@ _ROUNDING = 1e-6  # pixels
 
 @compiled
 @no_type_check
-def level_ends(vertices, offsets, reach, cell_size):
+def level_ends(vertices, offsets, reach, shortest, cell_size):
     """Gives vertices and offsets of lines whose upper ends are cut off, or extended straight, to one row.
 
     The row is the median of the upper ends of all lines that are not closed. Ends farther than the reach from
-    it stay where they are, as do those of lines that lie above it, would run nearly along it, or would leave
-    the columns that the lines span.
+    it stay where they are, as do those of lines of which too little would be left, and of those that would go
+    on nearly along it or out of the columns that the lines span.
 
     Args:
         vertices: `(v, 2)`, in pixels.
         offsets: `(n + 1,)`, where the vertices of each line begin.
         reach: Largest height that is cut off or added, in pixels.
+        shortest: Least length of a line that was cut, in pixels.
         cell_size: Side of a cell in pixels.
     """
     ends = _upper_ends(vertices, offsets)
@@ -39,7 +40,7 @@ def level_ends(vertices, offsets, reach, cell_size):
         begin, stop, filled, x = offsets[c], offsets[c + 1], bounds[c], np.nan
         at_first = ends[c] == begin
         if ends[c] >= 0 and abs(vertices[ends[c], 1] - row) <= reach:
-            kept, x = _meet(vertices[begin:stop], at_first, row, _STRETCH * cell_size)
+            kept, x = _meet(vertices[begin:stop], at_first, row, (shortest, _STRETCH * cell_size))
             if not left - _ROUNDING <= x <= right + _ROUNDING:
                 x = np.nan
             elif at_first:
@@ -73,11 +74,12 @@ def _upper_ends(vertices, offsets):
 
 @compiled
 @no_type_check
-def _meet(line, at_first, row, stretch):
+def _meet(line, at_first, row, lengths):
     """Gives how many vertices are left of a line that is to end at the row, and x of its new end.
 
     NaN and all vertices where it has to stay as it is.
     """
+    shortest, stretch = lengths
     end, step = (0, 1) if at_first else (len(line) - 1, -1)
     x, y, at, dx, dy = line[end, 0], line[end, 1], end, 0.0, 0.0
     if y >= row:
@@ -92,7 +94,15 @@ def _meet(line, at_first, row, stretch):
     if at < 0 or at == len(line):
         return len(line), np.nan
     dx, dy = line[at - step, 0] - line[at, 0], line[at - step, 1] - line[at, 1]
-    return len(line) - abs(at - end), line[at, 0] + dx * (row - line[at, 1]) / dy
+    share = (row - line[at, 1]) / dy
+    left, p = share * np.sqrt(dx * dx + dy * dy), at
+    while 0 <= p + step < len(line):
+        dx, dy = line[p + step, 0] - line[p, 0], line[p + step, 1] - line[p, 1]
+        left += np.sqrt(dx * dx + dy * dy)
+        p += step
+    if left < shortest:
+        return len(line), np.nan
+    return len(line) - abs(at - end), line[at, 0] + share * (line[at - step, 0] - line[at, 0])
 
 
 __all__ = ["level_ends"]

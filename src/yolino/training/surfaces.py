@@ -38,8 +38,8 @@ def add_surfaces(
     """Gives the image with darker or lighter ground beside some lines, as where asphalt meets concrete.
 
     The new surface runs along its line, begins at `OFFSETS` to one side of it and is `WIDTHS` wide; both its
-    edges look like lines and are none. It lies below paint and below what covers the ground (cars). The image
-    comes back as it is where nothing is drawn, or where no two lines tell how wide a lane is.
+    edges look like lines and are none. What differs clearly from the ground in color stays: most paint, most
+    cars. The image comes back as it is where nothing is drawn, or where no two lines tell how wide a lane is.
 
     Args:
         image: The image; it is not changed.
@@ -94,10 +94,10 @@ def _covered(
     columns: Int[np.ndarray, " w"], band: Band, low: Float[np.ndarray, " r"], high: Float[np.ndarray, " r"]
 ) -> Float32[np.ndarray, "r w"]:
     """Gives the share of each pixel that lies between two edges, averaged over their slant within a row."""
-    blur = np.maximum(1.0, np.abs(np.gradient(band.center)))[:, None].astype(np.float32)
-    x = (columns + 0.5).astype(np.float32)
-    left, right = (edge[:, None].astype(np.float32) for edge in (low, high))
-    share = np.clip((x - left) / blur + 0.5, 0, 1) + np.clip((right - x) / blur + 0.5, 0, 1) - 1
+    x, share = (columns + 0.5).astype(np.float32), np.float32(-1)
+    for edge, inwards in ((low, 1), (high, -1)):
+        steepness = (inwards / np.maximum(1.0, np.abs(np.gradient(edge)))).astype(np.float32)
+        share = share + np.clip((x - edge[:, None].astype(np.float32)) * steepness[:, None] + 0.5, 0, 1)
     inside = (columns >= band.first[:, None]) & (columns < band.stop[:, None])
     return np.asarray(np.maximum(share, 0) * inside)
 
