@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from yolino.training.stripes import Cover, cover, mix
-from yolino.training.tracks import Track, build_road, ground_beside, track_of
+from yolino.training.tracks import Track, chosen_tracks
 from yolino.types import Polylines
 
 Image = UInt8[np.ndarray, "h w 3"]
@@ -74,16 +74,10 @@ def add_seams(
         share: Probability that a line gets a seam.
         corners: The convex polygon of the image that holds a picture, if not all of it does.
     """
-    chosen = np.flatnonzero(rng.random(len(polylines)) < share)
-    if len(chosen) == 0 or len(polylines) < 2:
-        return image
-    road = build_road(polylines, (image.shape[0], image.shape[1]), corners)
-    ground, result = ground_beside(image, road), image
-    for line in chosen.tolist():
-        track = track_of(road, ground, line)
-        if track is not None:
-            result = image.copy() if result is image else result
-            _add_seam(result, track, rng)
+    tracks = chosen_tracks(image, polylines, rng, share=share, corners=corners)
+    result = image.copy() if tracks else image
+    for track in tracks:
+        _add_seam(result, track, rng)
     return result
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from yolino.training.bands import Band
-from yolino.training.tracks import Track, build_road, ground_beside, track_of
+from yolino.training.tracks import Track, chosen_tracks
 from yolino.types import Polylines
 
 Image = UInt8[np.ndarray, "h w 3"]
@@ -48,17 +48,13 @@ def add_surfaces(
         share: Probability that a line gets another surface beside it.
         corners: The convex polygon of the image that holds a picture, if not all of it does.
     """
-    chosen = np.flatnonzero(rng.random(len(polylines)) < share)
-    if len(chosen) == 0 or len(polylines) < 2:
-        return image
-    road = build_road(polylines, (image.shape[0], image.shape[1]), corners)
-    ground, result = ground_beside(image, road), image
-    for line in chosen.tolist():
-        # Also where the line itself has left the image.
-        track = track_of(road, ground, line, least=float(image.shape[1]))
-        if track is not None and track.bare.mean() >= _LEAST_BARE:
-            result = image.copy() if result is image else result
-            _add_surface(result, track, rng)
+    # Also where a line itself has left the image.
+    least = float(image.shape[1])
+    tracks = chosen_tracks(image, polylines, rng, share=share, corners=corners, least=least)
+    tracks = [track for track in tracks if track.bare.mean() >= _LEAST_BARE]
+    result = image.copy() if tracks else image
+    for track in tracks:
+        _add_surface(result, track, rng)
     return result
 
 

@@ -194,6 +194,34 @@ def track_of(road: Road, ground: Ground, line: int, *, half: float = 0.0, least:
     return Track(band, lane[near], float(road.growth[line]), color, bare)
 
 
+def chosen_tracks(
+    image: UInt8[np.ndarray, "h w 3"],
+    polylines: Polylines,
+    rng: np.random.Generator,
+    *,
+    share: float | int,
+    corners: Float[np.ndarray, "k 2"] | None = None,
+    least: float = 1.0,
+) -> list[Track]:
+    """Gives the tracks of a random share of the lines; none where no two lines tell how wide a lane is.
+
+    Args:
+        image: The image.
+        polylines: Lines that run up the image, in its pixels.
+        rng: Source of randomness, which draws one number for each line.
+        share: Probability that a line is chosen.
+        corners: The convex polygon of the image that holds a picture, if not all of it does.
+        least: Least half width of their bands in pixels.
+    """
+    chosen = np.flatnonzero(rng.random(len(polylines)) < share)
+    if len(chosen) == 0 or len(polylines) < 2:
+        return []
+    road = build_road(polylines, (image.shape[0], image.shape[1]), corners)
+    ground = ground_beside(image, road)
+    found = (track_of(road, ground, line, least=least) for line in chosen.tolist())
+    return [track for track in found if track is not None]
+
+
 def _largest(values: Float32[np.ndarray, "*shape 3"]) -> Float32[np.ndarray, "*shape"]:
     """Gives the maximum of three channels; a reduction over so short an axis is slow."""
     return np.asarray(np.maximum(np.maximum(values[..., 0], values[..., 1]), values[..., 2]))
@@ -207,4 +235,4 @@ def _smooth(values: Float[np.ndarray, "n h c"]) -> Float[np.ndarray, "n h c"]:
     return smooth.transpose(0, 2, 1)
 
 
-__all__ = ["Ground", "Road", "Track", "build_road", "ground_beside", "track_of"]
+__all__ = ["Ground", "Road", "Track", "build_road", "chosen_tracks", "ground_beside", "track_of"]
