@@ -43,9 +43,10 @@ def test_ends_come_to_their_median() -> None:
         np.testing.assert_array_equal(found[0][::turn][:-1], lines[0][lines[0][:, 1] > 100])
 
 
-def test_two_lines_meet_in_the_middle() -> None:
-    tops = [line[-1, 1] for line in level([straight(0, 300, 80), straight(90, 300, 110)], 15.0)]
-    assert tops == [95.0, 95.0]
+def test_two_lines_meet_in_the_middle_if_that_is_near() -> None:
+    lines = [straight(0, 300, 80), straight(90, 300, 110)]
+    for reach, tops in ((30.0, [95.0, 95.0]), (29.0, [80.0, 110.0])):
+        assert [line[-1, 1] for line in level(lines, reach)] == tops
 
 
 @pytest.mark.parametrize(
@@ -92,14 +93,16 @@ def test_only_upper_ends_move_and_only_within_the_reach(
     road: list[tuple[int, int, float, bool]], reach: float
 ) -> None:
     lines = [straight(x, 300, top, lean)[:: -1 if turned else 1] for x, top, lean, turned in road]
-    row = np.median([top for _, top, _, _ in road])
+    tops = sorted(top for _, top, _, _ in road)
+    row, middle = np.median(tops), (tops[(len(tops) - 1) // 2], tops[len(tops) // 2])
     every = np.concatenate(lines)[:, 0]
     for (x, top, lean, turned), given_line, new in zip(road, lines, level(lines, reach), strict=True):
         turn = -1 if turned else 1
         line, found = given_line[::turn], new[::turn]
         np.testing.assert_array_equal(found[0], line[0])
         inside = every.min() - 1e-6 <= x + lean * (300 - row) <= every.max() + 1e-6
-        assert found[-1, 1] == (row if abs(top - row) <= reach and inside else top)
+        near = abs(top - row) <= reach and middle[1] - middle[0] <= reach
+        assert found[-1, 1] == (row if near and inside else top)
         assert (np.diff(found[:, 1]) < 0).all()
         shared = min(len(found), len(line)) - 1
         np.testing.assert_array_equal(found[:shared], line[:shared])

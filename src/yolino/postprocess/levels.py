@@ -20,7 +20,8 @@ def level_ends(vertices, offsets, reach, shortest, cell_size):
 
     The row is the median of the upper ends of all lines that are not closed. Ends farther than the reach from
     it stay where they are, as do those of lines of which too little would be left, and of those that would go
-    on nearly along it or out of the columns that the lines span.
+    on nearly along it or out of the columns that the lines span. All stay where one half of them ends farther
+    from the other than the reach.
 
     Args:
         vertices: `(v, 2)`, in pixels.
@@ -33,7 +34,10 @@ def level_ends(vertices, offsets, reach, shortest, cell_size):
     heights = np.sort(vertices[ends[ends >= 0], 1])
     if len(heights) < 2:
         return vertices, offsets
-    row = (heights[(len(heights) - 1) // 2] + heights[len(heights) // 2]) / 2
+    upper, lower = heights[(len(heights) - 1) // 2], heights[len(heights) // 2]
+    if lower - upper > reach:  # two groups of lines, and no end between them
+        return vertices, offsets
+    row = (upper + lower) / 2
     left, right = vertices[:, 0].min(), vertices[:, 0].max()
     leveled, bounds = np.empty((len(vertices) + len(ends), 2)), np.zeros_like(offsets)
     for c in range(len(ends)):
