@@ -102,11 +102,18 @@ def test_paint_and_cars_stay(seed: int) -> None:
 
 def test_fill_beside_the_picture_is_not_touched() -> None:
     image, lines = road()
-    image[:, :120] = 7
+    image[:, :120] = 110  # nearly the color of the ground
     corners = np.array([[120, 0.0], [WIDTH, 0.0], [WIDTH, HEIGHT], [120, HEIGHT]])
-    found = add_surfaces(image, lines, np.random.default_rng(1), share=1.0, corners=corners)
-    assert np.all(found[:, :120] == 7)
-    assert np.any(found[:, 120:] != 100)
+    for seed in range(4):
+        found = add_surfaces(image, lines, np.random.default_rng(seed), share=1.0, corners=corners)
+        assert np.all(found[:, :120] == 110)
+        assert np.any(found[:, 120:] != 100)
+
+
+def test_both_sides_get_surfaces() -> None:
+    image, lines = road()
+    right = [np.any(change(seed, image, lines)[:, 170:] != 100) for seed in only_the_middle(12)]
+    assert 2 <= sum(right) <= 10
 
 
 def test_without_surfaces_or_lanes_the_image_comes_back() -> None:
