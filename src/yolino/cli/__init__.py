@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from yolino.cli import (
+    average,
     benchmark,
     datasets,
     diagnose,
@@ -63,6 +64,7 @@ _COMMANDS = (
     predict,
     train,
     sweep,
+    average,
     evaluate,
     diagnose,
     tune,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -119,19 +120,13 @@ def train(
         KeepBest(experiment, folder),
         Waiting(loader, advice(experiment, loader.dataset)),
     ]
-    for name in ("lightning.pytorch", "lightning.fabric"):
-        logging.getLogger(name).setLevel(logging.WARNING)  # advertisements, and what was found or not
-    trainer: Trainer = build_trainer(
-        experiment, folder, callbacks, enable_progress_bar=progress, enable_model_summary=False
-    )
-    last = folder / LAST
-    if last.is_file():
-        logger.info("going on from %s", last)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".*treespec, LeafSpec.*")
-        warnings.filterwarnings("ignore", ".*does not have many workers.*")
-        warnings.filterwarnings("ignore", ".*dataloader is not resumable.*")  # EndlessSampler knows its place
-        warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
+    with quiet():
+        trainer: Trainer = build_trainer(
+            experiment, folder, callbacks, enable_progress_bar=progress, enable_model_summary=False
+        )
+        last = folder / LAST
+        if last.is_file():
+            logger.info("going on from %s", last)
         try:
             trainer.fit(module, loader, val_loader, ckpt_path=str(last) if last.is_file() else None)
         except (KeyboardInterrupt, SystemExit):  # Lightning turns the first into the second
@@ -141,6 +136,19 @@ def train(
         except (OSError, ValueError) as error:
             raise from_worker(error) from error
     return folder / BEST
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keeps Lightning from advertising, and from warning about what is meant."""
+    for name in ("lightning.pytorch", "lightning.fabric"):
+        logging.getLogger(name).setLevel(logging.WARNING)  # advertisements, and what was found or not
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*treespec, LeafSpec.*")
+        warnings.filterwarnings("ignore", ".*does not have many workers.*")
+        warnings.filterwarnings("ignore", ".*dataloader is not resumable.*")  # EndlessSampler knows its place
+        warnings.filterwarnings("ignore", ".*Checkpoint directory .* exists and is not empty.*")
+        yield
 
 
 def with_licence(experiment: Experiment) -> Experiment:
