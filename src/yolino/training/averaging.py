@@ -27,10 +27,11 @@ from yolino.training.loaders import Batches, build_loaders, trains_on_cuda
 from yolino.training.module import TrainingModule, network_arguments
 from yolino.training.run import quiet, with_licence
 from yolino.training.settings import SETTINGS
+from yolino.training.waiting import from_worker
 
 SUFFIX = ".safetensors"
-# The average of networks from different starts finds less (of the default model and a run that shared its
-# random weights .94 of the worse one's F1, of others .23), that of networks from one start what they find.
+# The average of networks from different starts finds less than the best of them (the default model and a run
+# that shared its random weights: .94 of its F1; others: .23), that of networks from one start about as much.
 LEAST_SHARE = 0.95
 _SAME = ("size", "fit", "scale", "stride", "predictors", "representation", "classes", "directed")
 _ONE_KIND = "only networks of one kind have an average."
@@ -68,7 +69,8 @@ def average(
         checkpoints: Two or more, trained from one start with `training.start_from`, or in one run.
         out: The checkpoint to write.
         config: The experiment file with the training and validation data and the post-processing; by default
-            the one that training left beside the first checkpoint.
+            the one that training left beside the first checkpoint. What `yolino tune` changed in a checkpoint
+            is not in it.
         overrides: `key=value` changes to it.
         images: Training images that the statistics of the normalization are measured on.
         skip_broken: Whether to leave out labels that cannot be read.
@@ -76,15 +78,18 @@ def average(
 
     Raises:
         FileNotFoundError: A file is missing.
-        ValueError: A mistake in what was given, or the average finds far less than its members.
+        ValueError: A mistake in what was given, or the average finds less than the best of its members.
     """
     out, files = Path(out), [Path(file) for file in checkpoints]
     _check_names(files, out)
     loaded = [load_checkpoint(file) for file in files]
     settings = _settings(config, files[0])
     experiment = _offline(with_licence(load_experiment(settings, overrides)))
+    if experiment.training.threads:
+        torch.set_num_threads(experiment.training.threads)
     header, module = check_experiment(experiment), TrainingModule(experiment)
     for file, (network, other) in zip(files, loaded, strict=True):
+        _check_finite(network.state_dict(), file)
         _check_same(other, file, header, settings)
         _check_fits(network, file, module.network, settings)
     batches = -(-images // experiment.training.batch_size)
@@ -126,19 +131,21 @@ def measure_statistics(
 
     Those of an average are not the average of those of its members. Frozen parts keep theirs.
     """
-    network = module.network
-    network.train()
-    for part in module.frozen:
-        part.eval()
-    norms = [norm for norm in network.modules() if isinstance(norm, _BatchNorm) and norm.training]
+    network = module.network.eval()  # no dropout: the features are those in use
+    frozen = {id(part) for root in module.frozen for part in root.modules()}
+    norms = [m for m in network.modules() if isinstance(m, _BatchNorm) and id(m) not in frozen]
     momenta = [norm.momentum for norm in norms]
     for norm in norms:
+        norm.train()
         norm.reset_running_stats()
         norm.momentum = None  # the mean over all batches
     network.to("cuda" if trains_on_cuda(module.experiment) else "cpu")
     device = next(network.parameters()).device
-    for _, batch in zip(progress(range(batches), "Measuring the features"), loader, strict=False):
-        network(batch.images.to(device).float())
+    try:
+        for _, batch in zip(progress(range(batches), "Measuring the features"), loader, strict=False):
+            network(batch.images.to(device).float())
+    except (OSError, ValueError) as error:
+        raise from_worker(error) from error
     for norm, momentum in zip(norms, momenta, strict=True):
         norm.momentum = momentum
     network.eval()
@@ -164,17 +171,26 @@ def validate(module: TrainingModule, loader: DataLoader[Any]) -> Mapping[str, fl
 def _check_names(files: Sequence[Path], out: Path) -> None:
     if len(files) < 2:
         raise ValueError(f"An average needs two or more checkpoints, but {len(files)} was given.")
-    if other := next((file for file in files if file.is_file() and file.suffix != SUFFIX), None):
+    if other := next((file for file in files if file.exists() and not _is_checkpoint(file)), None):
         raise ValueError(
-            f"{other} is no checkpoint ({SUFFIX}), and an exported model has no average: give the checkpoint "
-            "that it was made from."
+            f"{other} is no checkpoint: give the last{SUFFIX} or best{SUFFIX} that `yolino train` left."
         )
-    if twice := next((file for i, file in enumerate(files) if file in files[:i]), None):
+    places = [file.resolve() for file in files]
+    if twice := next((file for i, file in enumerate(files) if places[i] in places[:i]), None):
         raise ValueError(f"{twice} is given twice: each checkpoint counts once.")
-    if out.suffix != SUFFIX:
-        raise ValueError(f"The file {out} must end in {SUFFIX}: an average is a checkpoint.")
-    if out in files:
+    if out.suffix != SUFFIX or out.is_dir():
+        raise ValueError(f"{out} must be a file that ends in {SUFFIX}: an average is a checkpoint.")
+    if out.resolve() in places:
         raise ValueError(f"This would overwrite its source {out}: name another file to write.")
+
+
+def _is_checkpoint(file: Path) -> bool:
+    return file.is_file() and file.suffix == SUFFIX
+
+
+def _check_finite(weights: Mapping[str, Tensor], file: Path) -> None:
+    if not all(bool(tensor.isfinite().all()) for tensor in weights.values()):
+        raise ValueError(f"{file} holds weights that are not finite: its training failed, so leave it out.")
 
 
 def _settings(config: str | Path | None, first: Path) -> Path:
@@ -231,12 +247,13 @@ def _loaders(
 
 
 def _check_valley(members: Sequence[Mapping[str, float]], scores: Mapping[str, float]) -> None:
-    worst = min(member["line_f1"] for member in members)
-    if scores["line_f1"] < LEAST_SHARE * worst:
+    each = [member["line_f1"] for member in members]
+    if scores["line_f1"] < LEAST_SHARE * max(each):
         raise ValueError(
-            f"The average finds far less (F1 of lines {scores['line_f1']:.3f}) than each of its members (at "
-            f"least {worst:.3f}), so nothing was written: an average needs checkpoints of one run, or of "
-            "runs that began from one checkpoint (training.start_from)."
+            f"The average finds less (F1 of lines {scores['line_f1']:.3f}) than the best of its members "
+            f"({', '.join(f'{one:.3f}' for one in each)}), so nothing was written: an average needs "
+            "checkpoints of one run, or of runs that began from one checkpoint (training.start_from), all of "
+            "them good."
         )
 
 
@@ -244,10 +261,16 @@ def _header(experiment: Experiment, headers: Sequence[Header], scores: Mapping[s
     """Gives the header of the average, with the licences and the data of all its members."""
     return dataclasses.replace(
         build_header(experiment, scores),
-        licence="; ".join(dict.fromkeys(header.licence for header in headers)),
-        data="; ".join(dict.fromkeys(header.data for header in headers)),
+        licence=joined_parts([experiment.data.licence, *(header.licence for header in headers)]),
+        data=joined_parts([experiment.data.description, *(header.data for header in headers)]),
         metrics={**scores, "averaged": len(headers)},
     )
 
 
-__all__ = ["Averaged", "average", "mean_weights", "measure_statistics", "validate"]
+def joined_parts(texts: Sequence[str]) -> str:
+    """Gives the parts of all texts, each once."""
+    parts = list(dict.fromkeys(part for text in texts for part in text.split("; ")))
+    return "; ".join(part for part in parts if part != "unknown" or len(parts) == 1)
+
+
+__all__ = ["Averaged", "average", "joined_parts", "mean_weights", "measure_statistics", "validate"]
