@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from yolino.header import Header
 from yolino.model.checkpoint import load_checkpoint, save_checkpoint
 from yolino.training import averaging
 from yolino.training.averaging import LEAST_SHARE, average, joined_parts, mean_weights, measure_statistics
-from yolino.training.loaders import build_loaders
+from yolino.training.loaders import Batches, build_loaders
 from yolino.training.module import TrainingModule, network_arguments
 from yolino.training.run import train
 
@@ -193,10 +194,29 @@ class TestStatistics:
         assert torch.equal(before, norm.running_mean)
         assert not torch.equal(neck, others[0].running_mean)
 
+    def test_all_but_the_normalization_works_as_in_use(self, runs: Path) -> None:
+        module, loader = build(runs)
+        modes: list[bool] = []
+        module.network.head.register_forward_hook(lambda part, *_: modes.append(part.training))
+        measure_statistics(module, loader, 1)
+        assert modes == [False]  # dropout would be on in a part that trains
+
+    def test_a_damaged_image_is_named_without_the_traceback_of_its_worker(
+        self, runs: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def damaged(_: Batches) -> Iterator[Any]:
+            raise ValueError("Caught ValueError in worker 0.\nTraceback:\nValueError: a.jpg is damaged.")
+            yield
+
+        module, loader = build(runs)
+        monkeypatch.setattr(Batches, "__iter__", damaged)
+        with pytest.raises(ValueError, match=r"^a\.jpg is damaged\.$"):
+            measure_statistics(module, loader, 1)
+
 
 class TestMistakes:
     def test_too_few(self, ends: list[Path], tmp_path: Path) -> None:
-        with pytest.raises(ValueError, match="two or more checkpoints, but 1 was given"):
+        with pytest.raises(ValueError, match="two or more checkpoints, but was given 1"):
             average(ends[:1], tmp_path / "mean.safetensors")
 
     def test_one_twice(self, ends: list[Path], tmp_path: Path) -> None:

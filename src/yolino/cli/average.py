@@ -60,8 +60,8 @@ def average(
 ) -> None:
     """Average the weights of several trainings; needs `pip install 'yolino[train]'`.
 
-    The average of networks that began from one checkpoint often holds more on new images than each of them,
-    at no cost in use.
+    The average of networks that began from one checkpoint may find more on new images than each of them, at
+    no cost in use.
     """
     from yolino.cli.screen import track
     from yolino.training.averaging import average as run

@@ -170,7 +170,7 @@ def validate(module: TrainingModule, loader: DataLoader[Any]) -> Mapping[str, fl
 
 def _check_names(files: Sequence[Path], out: Path) -> None:
     if len(files) < 2:
-        raise ValueError(f"An average needs two or more checkpoints, but {len(files)} was given.")
+        raise ValueError(f"An average needs two or more checkpoints, but was given {len(files)}.")
     if other := next((file for file in files if file.exists() and not _is_checkpoint(file)), None):
         raise ValueError(
             f"{other} is no checkpoint: give the last{SUFFIX} or best{SUFFIX} that `yolino train` left."
